@@ -1,0 +1,11 @@
+//! One geometry, many layers: cells, positions, layers and the iterators that walk them.
+
+mod geometry;
+mod layer;
+mod segment;
+mod steps;
+
+pub use geometry::{Cell, GridError, GridGeometry, Position};
+pub use layer::{Layer, LayerView};
+pub use segment::{Piece, pieces, swept_cells};
+pub use steps::{EIGHT, FOUR, SIXTEEN, Step, disc};

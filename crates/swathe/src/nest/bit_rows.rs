@@ -1,0 +1,193 @@
+//! Masks as rows of bits, 64 cells a word: erosion and dilation by any vicinity.
+
+use rayon::prelude::*;
+
+use crate::grid::{Cell, GridGeometry, Step};
+
+/// A mask of cells, one bit each.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BitRows {
+    rows: usize,
+    columns: usize,
+    words: usize,
+    data: Vec<u64>,
+}
+
+impl BitRows {
+    /// A mask from a predicate on (row, column), rows in parallel.
+    pub fn from_fn(geometry: GridGeometry, holds: impl Fn(usize, usize) -> bool + Sync) -> Self {
+        let mut mask = Self::empty(geometry);
+        let columns = mask.columns;
+        mask.data
+            .par_chunks_mut(mask.words)
+            .enumerate()
+            .for_each(|(row, words)| {
+                for (index, word) in words.iter_mut().enumerate() {
+                    let first = index * 64;
+                    for bit in 0..64.min(columns - first) {
+                        *word |= u64::from(holds(row, first + bit)) << bit;
+                    }
+                }
+            });
+        mask
+    }
+
+    /// A mask of no cell.
+    pub fn empty(geometry: GridGeometry) -> Self {
+        let words = geometry.columns().div_ceil(64);
+        Self {
+            rows: geometry.rows(),
+            columns: geometry.columns(),
+            words,
+            data: vec![0; words * geometry.rows()],
+        }
+    }
+
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The words of a row; bits beyond the last column are zero.
+    pub fn row(&self, row: usize) -> &[u64] {
+        &self.data[row * self.words..(row + 1) * self.words]
+    }
+
+    /// Whether a cell is in the mask.
+    pub fn get(&self, cell: Cell) -> bool {
+        self.row(cell.row)[cell.column / 64] >> (cell.column % 64) & 1 == 1
+    }
+
+    /// Number of cells in the mask.
+    pub fn count(&self) -> u64 {
+        self.data.iter().map(|word| u64::from(word.count_ones())).sum()
+    }
+
+    /// The cells all of whose `steps` lead to a cell of the mask; `border` stands for cells beyond the grid.
+    #[must_use]
+    pub fn eroded(&self, steps: &[Step], border: bool) -> Self {
+        self.combined(steps, border, u64::MAX, |all, word| all & word)
+    }
+
+    /// The cells some of whose `steps` lead to a cell of the mask.
+    #[must_use]
+    pub fn dilated(&self, steps: &[Step]) -> Self {
+        self.combined(steps, false, 0, |any, word| any | word)
+    }
+
+    fn combined(
+        &self,
+        steps: &[Step],
+        border: bool,
+        start: u64,
+        join: impl Fn(u64, u64) -> u64 + Sync,
+    ) -> Self {
+        let beyond = if border { u64::MAX } else { 0 };
+        let last = self.columns % 64;
+        let tail = if last == 0 { u64::MAX } else { (1 << last) - 1 };
+        let mut out = Self {
+            data: vec![start; self.data.len()],
+            ..*self
+        };
+        out.data
+            .par_chunks_mut(self.words)
+            .enumerate()
+            .for_each(|(row, words)| {
+                for step in steps {
+                    let source = row as i64 + i64::from(step.rows);
+                    if !(0..self.rows as i64).contains(&source) {
+                        words.iter_mut().for_each(|word| *word = join(*word, beyond));
+                        continue;
+                    }
+                    let source = self.row(source as usize);
+                    // Bits beyond the last column take the border's value too.
+                    let at = |index: i64| -> u64 {
+                        if !(0..self.words as i64).contains(&index) {
+                            return beyond;
+                        }
+                        let word = source[index as usize];
+                        if index as usize == self.words - 1 {
+                            word | (beyond & !tail)
+                        } else {
+                            word
+                        }
+                    };
+                    let shift = i64::from(step.columns);
+                    let (whole, bits) = (shift.div_euclid(64), shift.rem_euclid(64) as u32);
+                    for (index, word) in words.iter_mut().enumerate() {
+                        let low = at(index as i64 + whole);
+                        let shifted = if bits == 0 {
+                            low
+                        } else {
+                            low >> bits | at(index as i64 + whole + 1) << (64 - bits)
+                        };
+                        *word = join(*word, shifted);
+                    }
+                }
+                words[self.words - 1] &= tail;
+            });
+        out
+    }
+
+    /// Calls `visit` with the half-open column range of each run of set bits in a row, from the west.
+    pub fn runs(&self, row: usize, mut visit: impl FnMut(usize, usize)) {
+        let words = self.row(row);
+        let mut column = 0;
+        while let Some(first) = next(words, column, 0) {
+            let end = next(words, first, u64::MAX).unwrap_or(self.columns);
+            visit(first, end.min(self.columns));
+            column = end;
+        }
+    }
+}
+
+/// The first column from `from` on whose bit, after `flip`, is set.
+fn next(words: &[u64], from: usize, flip: u64) -> Option<usize> {
+    let mut index = from / 64;
+    let mut word = (*words.get(index)? ^ flip) & (u64::MAX << (from % 64));
+    while word == 0 {
+        index += 1;
+        word = *words.get(index)? ^ flip;
+    }
+    Some(index * 64 + word.trailing_zeros() as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::disc;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn erosion_dilation_and_runs_are_what_they_say(
+            columns in 1usize..140, seed: u64, radius in 0.0f64..3.0, border: bool,
+        ) {
+            let geometry = GridGeometry::new(6, columns, 1.0, 0.0, 0.0).unwrap();
+            let holds = |row: usize, column: usize| {
+                crate::random::philox([row as u32, column as u32, 0, 0], seed)[0] % 5 > 0
+            };
+            let mask = BitRows::from_fn(geometry, holds);
+            let steps = disc(radius);
+            let (eroded, dilated) = (mask.eroded(&steps, border), mask.dilated(&steps));
+            for cell in geometry.cells() {
+                prop_assert_eq!(mask.get(cell), holds(cell.row, cell.column));
+                let near = |default| steps.iter().map(move |s| s.from(&geometry, cell)).map(move |c| {
+                    c.map_or(default, |c| holds(c.row, c.column))
+                });
+                prop_assert_eq!(eroded.get(cell), near(border).all(|set| set));
+                prop_assert_eq!(dilated.get(cell), near(false).any(|set| set));
+            }
+            let mut total = 0;
+            for row in 0..6 {
+                mask.runs(row, |from, to| total += (to - from) as u64);
+            }
+            prop_assert_eq!(total, mask.count());
+        }
+    }
+}

@@ -1,0 +1,107 @@
+"""One geometry for every layer: rows and columns of square cells in a projected, north-up frame of metres.
+
+Row 0 is the north edge and column 0 the west edge. ``Cell`` (row, column) and ``Position`` (metres east and north)
+are different types, and no function accepts either.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from swathe.errors import InvalidParameterError
+
+
+class Cell(NamedTuple):
+    """A cell by row (0 = north) and column (0 = west)."""
+
+    row: int
+    column: int
+
+
+class Position(NamedTuple):
+    """A point of the map frame: metres east and metres north."""
+
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """Where the cells of a layer lie.
+
+    ``west_m`` and ``north_m`` are the map coordinates of the outer corner of cell (0, 0).
+    """
+
+    rows: int
+    columns: int
+    cell_size_m: float
+    west_m: float = 0.0
+    north_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.rows < 1 or self.columns < 1:
+            raise InvalidParameterError(
+                f"A grid of {self.rows} rows and {self.columns} columns has no cells.", "Give at least one of each."
+            )
+        if not (math.isfinite(self.cell_size_m) and self.cell_size_m > 0):
+            raise InvalidParameterError(
+                f"The cell size of {self.cell_size_m} m is not a length.", "Give a finite number above zero."
+            )
+        if not (math.isfinite(self.west_m) and math.isfinite(self.north_m)):
+            raise InvalidParameterError("The corner of the grid is not finite.", "Give finite map coordinates.")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return (self.rows, self.columns)
+
+    @property
+    def cell_count(self) -> int:
+        """Number of cells."""
+        return self.rows * self.columns
+
+    @property
+    def east_m(self) -> float:
+        """Map x of the east edge."""
+        return self.west_m + self.columns * self.cell_size_m
+
+    @property
+    def south_m(self) -> float:
+        """Map y of the south edge."""
+        return self.north_m - self.rows * self.cell_size_m
+
+    def cell_at(self, position: Position) -> Cell | None:
+        """Return the cell that holds ``position``, or None outside the grid (the south and east edges are outside)."""
+        column = math.floor((position.x_m - self.west_m) / self.cell_size_m)
+        row = math.floor((self.north_m - position.y_m) / self.cell_size_m)
+        if 0 <= row < self.rows and 0 <= column < self.columns:
+            return Cell(row, column)
+        return None
+
+    def position_of(self, cell: Cell) -> Position:
+        """Return the centre of ``cell`` (which may lie outside the grid)."""
+        return Position(
+            self.west_m + (cell.column + 0.5) * self.cell_size_m,
+            self.north_m - (cell.row + 0.5) * self.cell_size_m,
+        )
+
+    def window(self, row: int, column: int, rows: int, columns: int) -> GridGeometry:
+        """Return the geometry of a block of cells, on the same lattice."""
+        return GridGeometry(
+            rows,
+            columns,
+            self.cell_size_m,
+            self.west_m + column * self.cell_size_m,
+            self.north_m - row * self.cell_size_m,
+        )
+
+
+class Window(NamedTuple):
+    """A block of cells: its first row and column, and how many rows and columns it has."""
+
+    row: int
+    column: int
+    rows: int
+    columns: int
