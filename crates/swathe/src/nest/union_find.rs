@@ -41,6 +41,19 @@ impl UnionFind {
         here
     }
 
+    /// The least member of each item's set plus one, or 0 where `counts` is false, in the memory of the sets.
+    pub fn into_roots(mut self, counts: impl Fn(usize) -> bool) -> Vec<u32> {
+        // Parents come before their members, so one pass in order suffices.
+        for item in 0..self.parent.len() {
+            let above = self.parent[item] as usize;
+            self.parent[item] = self.parent[above];
+        }
+        for (item, root) in self.parent.iter_mut().enumerate() {
+            *root = if counts(item) { *root + 1 } else { 0 };
+        }
+        self.parent
+    }
+
     /// Joins the sets of `a` and `b`; returns whether they were apart.
     pub fn union(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.find(a), self.find(b));

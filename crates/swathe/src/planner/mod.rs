@@ -1,1 +1,77 @@
-//! placeholder
+//! From nests to a route: search, shortcuts, certificate, and reasons when there is no way.
+
+mod cells;
+mod ground;
+mod plan;
+mod radix_heap;
+mod refusal;
+mod route;
+mod search;
+mod smooth;
+
+use thiserror::Error;
+
+use crate::corridor::CorridorError;
+use crate::grid::GridError;
+use crate::nest::NestError;
+use crate::rank::RankError;
+use crate::swarm::SwarmError;
+
+pub use cells::{Algorithm, Corners, CostCells, shortest_path};
+pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use plan::{
+    Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain, nest_params, plan,
+};
+pub use refusal::{Refusal, Status};
+pub use route::{Leg, Route};
+pub use search::{Search, StepGraph, cost_field, search};
+pub use smooth::shorten;
+
+/// What can be wrong with a planner request. "No route" is not an error but a [`Refusal`].
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum PlannerError {
+    /// Layers or cells do not fit the grid.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// The ranking is not usable.
+    #[error(transparent)]
+    Rank(#[from] RankError),
+    /// The corridor is not usable.
+    #[error(transparent)]
+    Corridor(#[from] CorridorError),
+    /// The nests are not usable.
+    #[error(transparent)]
+    Nest(#[from] NestError),
+    /// The swarm is not usable.
+    #[error(transparent)]
+    Swarm(#[from] SwarmError),
+    /// A cost below zero.
+    #[error("The cost {cost} at cell ({row}, {column}) is negative: costs must be at least 0, NaN or infinite where closed.")]
+    NegativeCost {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// Its cost.
+        cost: f64,
+    },
+    /// A number of neighbours that no graph has.
+    #[error("{given} neighbours are not offered: 8 or 16 is allowed.")]
+    Neighbours {
+        /// The number given.
+        given: u32,
+    },
+    /// A start or goal that is not a place.
+    #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]
+    NotAPlace {
+        /// Start or goal.
+        name: &'static str,
+        /// East.
+        x_m: f64,
+        /// North.
+        y_m: f64,
+    },
+    /// The caller asked to stop.
+    #[error("The planner was stopped.")]
+    Stopped,
+}

@@ -208,6 +208,33 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         self.flags[self.geometry.index(cell)] & flag::EVALUATED > 0
     }
 
+    /// The nests built so far, with the memory that held them. [`Self::give_nests`] must come before anything else.
+    ///
+    /// # Errors
+    /// [`NestError::Grid`] never in practice: the labels are of the map.
+    pub fn take_nests(&mut self) -> Result<Nests, NestError> {
+        let sets = std::mem::replace(&mut self.sets, UnionFind::new(0));
+        self.pellets = Vec::new();
+        let flags = &self.flags;
+        Nests::from_labels(self.geometry, sets.into_roots(|index| flags[index] & flag::NEST > 0))
+    }
+
+    /// Takes back nests that [`Self::take_nests`] gave, so that the swathe can be widened.
+    pub fn give_nests(&mut self, nests: &Nests) {
+        let mut roots = vec![u32::MAX; nests.count()];
+        let mut sets = UnionFind::new(self.geometry.cell_count());
+        for (index, &label) in nests.labels().data().iter().enumerate() {
+            if label > 0 {
+                let root = &mut roots[label as usize - 1];
+                *root = (*root).min(index as u32);
+                sets.union(*root, index as u32);
+            }
+        }
+        self.sets = sets;
+        // Cells that are settled never look at their pellets again; the others count anew.
+        self.pellets = vec![0; self.geometry.cell_count()];
+    }
+
     /// The nests built so far.
     ///
     /// # Errors

@@ -1,0 +1,216 @@
+//! Negative answers: what is in the way, where, and the nearest thing that would change it.
+
+use crate::grid::{Cell, Layer, LayerView, Position};
+use crate::nest::Nests;
+use crate::progress::silent;
+use crate::rank::{CellRank, CellSource, Reason};
+use crate::terrain::gradient_at;
+use crate::vehicle::Vehicle;
+
+use super::cells::{Algorithm, Corners, shortest_path};
+use super::search::Search;
+
+/// How planning ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// There is a route.
+    RouteFound,
+    /// Start and goal are ground, but no way connects them.
+    NoRoute,
+    /// The vehicle cannot stand at the start.
+    StartBlocked,
+    /// The vehicle cannot stand at the goal.
+    GoalBlocked,
+    /// Start or goal lies outside the map.
+    OutsideMap,
+}
+
+impl Status {
+    /// A stable word for files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RouteFound => "route_found",
+            Self::NoRoute => "no_route",
+            Self::StartBlocked => "start_blocked",
+            Self::GoalBlocked => "goal_blocked",
+            Self::OutsideMap => "outside_map",
+        }
+    }
+}
+
+/// A negative answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refusal {
+    /// What kind.
+    pub status: Status,
+    /// Why, in one sentence.
+    pub reason: String,
+    /// Where.
+    pub place: Option<Position>,
+    /// The nearest thing that would change it, in one sentence.
+    pub remedy: String,
+}
+
+/// What a closed cell is, for a sentence: "ground too steep", "water or peat", ...
+pub(super) fn describe_cell(source: &impl CellSource, cell: Cell) -> String {
+    describe(source.cell_rank(cell))
+}
+
+fn describe(found: CellRank) -> String {
+    match found.reason() {
+        Reason::UnknownElevation => "unknown elevation".to_owned(),
+        Reason::Grade => "ground that is too steep".to_owned(),
+        Reason::SideSlope => "ground that slopes too much in every heading".to_owned(),
+        Reason::SoilStrength => "soil that is too weak".to_owned(),
+        Reason::NoGround => "water or peat".to_owned(),
+        Reason::Step => "steps that are too high".to_owned(),
+        Reason::UnknownSoil => "unknown soil".to_owned(),
+        Reason::Zone => "a closed zone".to_owned(),
+        Reason::None if found.rank() >= crate::rank::RANK_MIN_GATED => {
+            "ground too narrow for a nest".to_owned()
+        }
+        Reason::None => format!("poor ground (rank {})", found.rank()),
+    }
+}
+
+/// What would make a closed cell passable.
+fn cure(found: CellRank, slope: Option<f64>, vehicle: &Vehicle) -> String {
+    let slope = slope.unwrap_or(f64::NAN);
+    match found.reason() {
+        Reason::UnknownElevation => {
+            "Give elevation data that covers the place, or choose another place.".to_owned()
+        }
+        Reason::Grade => format!(
+            "A vehicle that drives {} % would pass (this one: {:.0} % up, {:.0} % down).",
+            (slope * 100.0).ceil(),
+            vehicle.grade_up * 100.0,
+            vehicle.grade_down * 100.0
+        ),
+        Reason::SideSlope => format!(
+            "A vehicle that bears a side slope of {} % would pass (this one: {:.0} %).",
+            (slope * 100.0).ceil(),
+            vehicle.side_slope * 100.0
+        ),
+        Reason::SoilStrength => {
+            "Drier ground (`--moisture`) or a vehicle with less ground pressure would pass.".to_owned()
+        }
+        Reason::NoGround => "Choose another place or a soil map that knows a crossing.".to_owned(),
+        Reason::Step => format!(
+            "A vehicle that climbs higher steps would pass (this one: {:.2} m).",
+            vehicle.step_height_m
+        ),
+        Reason::UnknownSoil => "Give a soil map that covers the place, or drop `--unknown-soil avoid`.".to_owned(),
+        Reason::Zone => "Choose another place or open the zone.".to_owned(),
+        Reason::None => "Try `--bridge`, which may leave the nests, or a finer `--cell-size`.".to_owned(),
+    }
+}
+
+/// Refuses a start or goal on which the vehicle cannot stand.
+pub(super) fn blocked_end(
+    status: Status,
+    place: Position,
+    cell: Cell,
+    found: CellRank,
+    elevation_m: LayerView<f32>,
+    vehicle: &Vehicle,
+    snap_m: f64,
+) -> Refusal {
+    let name = if status == Status::StartBlocked { "start" } else { "goal" };
+    let slope = gradient_at(elevation_m, cell).map(crate::terrain::Gradient::slope);
+    let steep = match (found.reason(), slope) {
+        (Reason::Grade | Reason::SideSlope, Some(slope)) => format!(" ({:.0} %)", slope * 100.0),
+        _ => String::new(),
+    };
+    Refusal {
+        status,
+        reason: format!(
+            "The {name} lies on {}{steep}, and no safe ground is within {snap_m:.0} m of it.",
+            describe(found)
+        ),
+        place: Some(place),
+        remedy: cure(found, slope, vehicle),
+    }
+}
+
+/// Refuses start and goal in different nests: finds the way that leaves the nests least and says what blocks it.
+pub(super) fn disconnected(
+    source: &impl CellSource,
+    elevation_m: LayerView<f32>,
+    nests: &Nests,
+    start: Cell,
+    goal: Cell,
+    vehicle: &Vehicle,
+) -> Refusal {
+    let geometry = nests.geometry();
+    let costs: Vec<f64> = geometry
+        .cells()
+        .map(|cell| match nests.label(cell) {
+            0 if elevation_m[cell].is_finite() => 1.0,
+            0 => 3.0,
+            _ => 1e-4,
+        })
+        .collect();
+    let costs = Layer::new(geometry, costs, "the costs").map(|costs| {
+        shortest_path(
+            costs.view(),
+            start,
+            goal,
+            8,
+            Corners::Cut,
+            Algorithm::Dijkstra,
+            &mut silent(),
+        )
+    });
+    let way = match costs {
+        Ok(Ok(Search::Found { cells, .. })) => cells,
+        _ => vec![start, goal],
+    };
+    let gaps = gaps_along(&way, nests);
+    let longest = gaps.iter().max_by_key(|gap| gap.len()).map_or(&way[..], |gap| gap);
+    let length_m = (longest.len() as f64 + 1.0) * geometry.cell_size_m();
+    let closed: Vec<(Cell, CellRank)> = longest.iter().map(|&cell| (cell, source.cell_rank(cell))).collect();
+    // The hardest of the obstacles decides what would help: no-go before poor ground.
+    let no_go = closed.iter().filter(|(_, found)| found.rank() < 2);
+    let slope_at = |cell| gradient_at(elevation_m, cell).map(crate::terrain::Gradient::slope);
+    let hardest = no_go
+        .max_by(|a, b| {
+            let key = |entry: &(Cell, CellRank)| slope_at(entry.0).unwrap_or(f64::INFINITY);
+            key(a).total_cmp(&key(b))
+        })
+        .or_else(|| closed.get(closed.len() / 2));
+    let Some(&(cell, found)) = hardest else {
+        return Refusal {
+            status: Status::NoRoute,
+            reason: "Start and goal lie in one nest, but no way through it keeps the vehicle's limits in every direction of travel."
+                .to_owned(),
+            place: None,
+            remedy: "A vehicle with a greater side slope or grade limit would pass.".to_owned(),
+        };
+    };
+    let steep = match slope_at(cell) {
+        Some(slope) if matches!(found.reason(), Reason::Grade | Reason::SideSlope) => {
+            format!(" of up to {:.0} %", slope * 100.0)
+        }
+        _ => String::new(),
+    };
+    let others = match gaps.len() {
+        0 | 1 => String::new(),
+        n => format!(" (the widest of {n} gaps on the way)"),
+    };
+    Refusal {
+        status: Status::NoRoute,
+        reason: format!(
+            "No safe ground connects start and goal: about {length_m:.0} m of {}{steep} lie between{others}.",
+            describe(found)
+        ),
+        place: Some(geometry.centre(cell)),
+        remedy: cure(found, slope_at(cell), vehicle),
+    }
+}
+
+/// The stretches of a way that lie in no nest.
+fn gaps_along<'a>(way: &'a [Cell], nests: &Nests) -> Vec<&'a [Cell]> {
+    way.split(|&cell| nests.label(cell) > 0)
+        .filter(|gap| !gap.is_empty())
+        .collect()
+}
