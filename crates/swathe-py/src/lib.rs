@@ -1,1 +1,42 @@
-//! Python bindings.
+//! Python bindings of the core: `swathe._core`.
+//!
+//! Every function converts, releases the interpreter, calls the core and converts back. Public names, checks and
+//! docstrings are Python's (`python/swathe`).
+
+#![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+
+mod convert;
+mod error;
+mod nest;
+mod planner;
+mod progress;
+mod rank;
+mod region;
+mod swarm;
+mod terrain;
+mod vehicle;
+
+#[pyo3::pymodule]
+mod _core {
+    #[pymodule_export]
+    use crate::error::{error_kinds, raise_error};
+    #[pymodule_export]
+    use crate::nest::{exact_nests, nest_graph, outlines};
+    #[pymodule_export]
+    use crate::planner::{plan, shortest_path};
+    #[pymodule_export]
+    use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
+    #[pymodule_export]
+    use crate::region::{Region, defaults};
+    #[pymodule_export]
+    use crate::swarm::run_swarm;
+    #[pymodule_export]
+    use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
+    #[pymodule_export]
+    use crate::vehicle::Vehicle;
+
+    /// Version of the package.
+    #[pymodule_export]
+    #[allow(non_upper_case_globals)]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+}

@@ -87,10 +87,9 @@ impl Corridor {
                 sagitta = Some(sagitta_m);
                 circle(start, goal, sagitta_m)?
             }
-            ArcKind::Spine => lay().map_or_else(
-                || vec![start, goal],
-                |points| simplify(&points, geometry.cell_size_m()),
-            ),
+            ArcKind::Spine => {
+                lay().map_or_else(|| vec![start, goal], |points| simplify(&points, geometry.cell_size_m()))
+            }
         };
         Ok(Self {
             arc,
@@ -155,8 +154,7 @@ impl Corridor {
                         continue;
                     }
                     // Columns beyond the segment's box cannot be within reach.
-                    let column =
-                        |x_m: f64| (x_m - geometry.west_m()) / geometry.cell_size_m() - 0.5;
+                    let column = |x_m: f64| (x_m - geometry.west_m()) / geometry.cell_size_m() - 0.5;
                     let first = column(a.x_m.min(b.x_m) - half_m).floor().max(0.0) as usize;
                     let last = column(a.x_m.max(b.x_m) + half_m).ceil().min(columns as f64 - 1.0);
                     if last < 0.0 || first >= columns {
@@ -183,11 +181,7 @@ pub fn capsule_half_width_m(inside: &Layer<bool>, start: Position, goal: Positio
         .par_iter()
         .enumerate()
         .filter(|&(_, &inside)| !inside)
-        .map(|(index, _)| {
-            geometry
-                .centre(geometry.cell(index))
-                .distance_to_segment_m(start, goal)
-        })
+        .map(|(index, _)| geometry.centre(geometry.cell(index)).distance_to_segment_m(start, goal))
         .reduce(|| f64::INFINITY, f64::min);
     // A way leaves the swathe when it reaches the centre of a cell outside.
     nearest_m.max(0.0)
@@ -209,10 +203,7 @@ fn circle(start: Position, goal: Position, sagitta_m: f64) -> Result<Vec<Positio
     let radius_m = (chord_m * chord_m / 4.0 + height * height) / (2.0 * height);
     let half_angle = 2.0 * (2.0 * height / chord_m).atan();
     let pieces = 2 * ((half_angle / 0.1).ceil() as usize).max(4);
-    let (along_x, along_y) = (
-        (goal.x_m - start.x_m) / chord_m,
-        (goal.y_m - start.y_m) / chord_m,
-    );
+    let (along_x, along_y) = ((goal.x_m - start.x_m) / chord_m, (goal.y_m - start.y_m) / chord_m);
     let side = sagitta_m.signum();
     let mut points: Vec<Position> = (0..=pieces)
         .map(|i| {

@@ -46,10 +46,7 @@ mod tests {
     #[test]
     fn matches_the_published_vectors() {
         let ones = u32::MAX;
-        assert_eq!(
-            philox([0; 4], 0),
-            [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]
-        );
+        assert_eq!(philox([0; 4], 0), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
         assert_eq!(
             philox([ones; 4], u64::MAX),
             [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]

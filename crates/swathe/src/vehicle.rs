@@ -275,12 +275,7 @@ const SMALL_FIFTY_RATIO: f64 = 1.8;
 fn small_cone_index(vehicle: &Vehicle) -> ConeIndex {
     let weight_kn = vehicle.mass_kg * GRAVITY_MPS2 / 1000.0;
     let (load_kn, width_m, diameter_m, deflection_m) = match vehicle.running_gear {
-        RunningGear::Wheels(w) => (
-            weight_kn / f64::from(w.count),
-            w.width_m,
-            w.diameter_m,
-            w.deflection_m,
-        ),
+        RunningGear::Wheels(w) => (weight_kn / f64::from(w.count), w.width_m, w.diameter_m, w.deflection_m),
         RunningGear::Tracks(t) => (weight_kn / 2.0, t.width_m, t.contact_length_m, t.contact_length_m),
     };
     let divisor = width_m.powf(0.8) * diameter_m.powf(0.8) * deflection_m.max(0.005).powf(0.4);
@@ -304,10 +299,7 @@ pub fn mobility_index(vehicle: &Vehicle) -> f64 {
     let index = match vehicle.running_gear {
         RunningGear::Wheels(wheels) => {
             let count = f64::from(wheels.count);
-            let (width_in, diameter_in) = (
-                wheels.width_m * INCHES_PER_M,
-                wheels.diameter_m * INCHES_PER_M,
-            );
+            let (width_in, diameter_in) = (wheels.width_m * INCHES_PER_M, wheels.diameter_m * INCHES_PER_M);
             let contact_psi = weight_lb / (count * width_in * diameter_in / 2.0);
             let axle_kips = weight_lb / 1000.0 / (count / 2.0);
             let weight = match axle_kips {

@@ -127,20 +127,11 @@ impl GridGeometry {
     ///
     /// # Errors
     /// [`GridError`] when there are no cells or too many, or a number is not finite (the cell size above zero).
-    pub fn new(
-        rows: usize,
-        columns: usize,
-        cell_size_m: f64,
-        west_m: f64,
-        north_m: f64,
-    ) -> Result<Self, GridError> {
+    pub fn new(rows: usize, columns: usize, cell_size_m: f64, west_m: f64, north_m: f64) -> Result<Self, GridError> {
         if rows == 0 || columns == 0 {
             return Err(GridError::Empty { rows, columns });
         }
-        if rows
-            .checked_mul(columns)
-            .is_none_or(|cells| cells >= u32::MAX as usize)
-        {
+        if rows.checked_mul(columns).is_none_or(|cells| cells >= u32::MAX as usize) {
             return Err(GridError::TooManyCells { rows, columns });
         }
         if !(cell_size_m.is_finite() && cell_size_m > 0.0) {
@@ -152,11 +143,7 @@ impl GridGeometry {
         }
         for (name, given) in [("west edge", west_m), ("north edge", north_m)] {
             if !given.is_finite() {
-                return Err(GridError::NotALength {
-                    name,
-                    given,
-                    and: "",
-                });
+                return Err(GridError::NotALength { name, given, and: "" });
             }
         }
         Ok(Self {
@@ -217,8 +204,7 @@ impl GridGeometry {
 
     /// The cell at a signed row and column, if inside.
     pub fn checked(&self, row: i64, column: i64) -> Option<Cell> {
-        let inside =
-            (0..self.rows as i64).contains(&row) && (0..self.columns as i64).contains(&column);
+        let inside = (0..self.rows as i64).contains(&row) && (0..self.columns as i64).contains(&column);
         inside.then(|| Cell::new(row as usize, column as usize))
     }
 
@@ -234,10 +220,7 @@ impl GridGeometry {
     pub fn cell_at(&self, position: Position) -> Option<Cell> {
         let row = ((self.north_m - position.y_m) / self.cell_size_m).floor();
         let column = ((position.x_m - self.west_m) / self.cell_size_m).floor();
-        let inside = row >= 0.0
-            && row < self.rows as f64
-            && column >= 0.0
-            && column < self.columns as f64;
+        let inside = row >= 0.0 && row < self.rows as f64 && column >= 0.0 && column < self.columns as f64;
         inside.then(|| Cell::new(row as usize, column as usize))
     }
 
@@ -310,14 +293,8 @@ mod tests {
     #[test]
     fn north_is_row_zero_and_far_edges_are_outside() {
         let geometry = GridGeometry::new(2, 3, 10.0, 100.0, 200.0).unwrap();
-        assert_eq!(
-            geometry.cell_at(Position::new(100.0, 200.0)),
-            Some(Cell::new(0, 0))
-        );
-        assert_eq!(
-            geometry.cell_at(Position::new(129.9, 180.1)),
-            Some(Cell::new(1, 2))
-        );
+        assert_eq!(geometry.cell_at(Position::new(100.0, 200.0)), Some(Cell::new(0, 0)));
+        assert_eq!(geometry.cell_at(Position::new(129.9, 180.1)), Some(Cell::new(1, 2)));
         assert_eq!(geometry.cell_at(Position::new(130.0, 190.0)), None);
         assert_eq!(geometry.cell_at(Position::new(105.0, 180.0)), None);
         assert_eq!(geometry.cell_at(Position::new(f64::NAN, 190.0)), None);

@@ -127,10 +127,6 @@ fn check(geometry: &GridGeometry, found: usize, what: &'static str) -> Result<()
     if found == expected {
         Ok(())
     } else {
-        Err(GridError::ShapeMismatch {
-            what,
-            expected,
-            found,
-        })
+        Err(GridError::ShapeMismatch { what, expected, found })
     }
 }

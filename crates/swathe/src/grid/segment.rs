@@ -19,12 +19,7 @@ pub struct Piece {
 /// Calls `visit` with each piece of the segment from `a` to `b` in order and stops when it returns false.
 ///
 /// Returns false when `visit` did, or when the segment leaves the grid. Method: Amanatides and Woo 1987.
-pub fn pieces(
-    geometry: &GridGeometry,
-    a: Position,
-    b: Position,
-    mut visit: impl FnMut(Piece) -> bool,
-) -> bool {
+pub fn pieces(geometry: &GridGeometry, a: Position, b: Position, mut visit: impl FnMut(Piece) -> bool) -> bool {
     let (row_a, column_a) = geometry.fractional(a);
     let (row_b, column_b) = geometry.fractional(b);
     let (rows, columns) = (row_b - row_a, column_b - column_a);
@@ -75,11 +70,7 @@ fn snap(t: f64) -> f64 {
 fn nudge(from: f64, change: f64) -> f64 {
     let nearest = from.round();
     if (from - nearest).abs() < TOUCH_CELLS {
-        if change < 0.0 {
-            nearest - 0.5
-        } else {
-            nearest + 0.25
-        }
+        if change < 0.0 { nearest - 0.5 } else { nearest + 0.25 }
     } else {
         from
     }
@@ -189,15 +180,10 @@ mod tests {
     fn walked(a: Cell, b: Cell) -> Vec<Piece> {
         let geometry = grid();
         let mut found = Vec::new();
-        assert!(pieces(
-            &geometry,
-            geometry.centre(a),
-            geometry.centre(b),
-            |piece| {
-                found.push(piece);
-                true
-            }
-        ));
+        assert!(pieces(&geometry, geometry.centre(a), geometry.centre(b), |piece| {
+            found.push(piece);
+            true
+        }));
         found
     }
 

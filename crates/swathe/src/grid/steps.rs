@@ -93,10 +93,7 @@ mod tests {
             let turn = SIXTEEN[(k + 1) % 16].heading_rad() - SIXTEEN[k].heading_rad();
             assert!((0.3..0.5).contains(&turn.rem_euclid(std::f64::consts::TAU)));
             let reverse = SIXTEEN[(k + 8) % 16];
-            assert_eq!(
-                (reverse.rows, reverse.columns),
-                (-SIXTEEN[k].rows, -SIXTEEN[k].columns)
-            );
+            assert_eq!((reverse.rows, reverse.columns), (-SIXTEEN[k].rows, -SIXTEEN[k].columns));
         }
     }
 

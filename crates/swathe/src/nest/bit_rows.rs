@@ -80,13 +80,7 @@ impl BitRows {
         self.combined(steps, false, 0, |any, word| any | word)
     }
 
-    fn combined(
-        &self,
-        steps: &[Step],
-        border: bool,
-        start: u64,
-        join: impl Fn(u64, u64) -> u64 + Sync,
-    ) -> Self {
+    fn combined(&self, steps: &[Step], border: bool, start: u64, join: impl Fn(u64, u64) -> u64 + Sync) -> Self {
         let beyond = if border { u64::MAX } else { 0 };
         let last = self.columns % 64;
         let tail = if last == 0 { u64::MAX } else { (1 << last) - 1 };
@@ -101,7 +95,9 @@ impl BitRows {
                 for step in steps {
                     let source = row as i64 + i64::from(step.rows);
                     if !(0..self.rows as i64).contains(&source) {
-                        words.iter_mut().for_each(|word| *word = join(*word, beyond));
+                        for word in words.iter_mut() {
+                            *word = join(*word, beyond);
+                        }
                         continue;
                     }
                     let source = self.row(source as usize);
@@ -170,7 +166,7 @@ mod tests {
         ) {
             let geometry = GridGeometry::new(6, columns, 1.0, 0.0, 0.0).unwrap();
             let holds = |row: usize, column: usize| {
-                crate::random::philox([row as u32, column as u32, 0, 0], seed)[0] % 5 > 0
+                !crate::random::philox([row as u32, column as u32, 0, 0], seed)[0].is_multiple_of(5)
             };
             let mask = BitRows::from_fn(geometry, holds);
             let steps = disc(radius);

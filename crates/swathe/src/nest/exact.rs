@@ -11,9 +11,7 @@ pub fn suitable_cells(rank: &RankMap, rank_min: u8, inside: Option<&Layer<bool>>
     let columns = geometry.columns();
     let cells = rank.cells().data();
     match inside.map(Layer::data) {
-        None => BitRows::from_fn(geometry, |row, column| {
-            cells[row * columns + column].rank() >= rank_min
-        }),
+        None => BitRows::from_fn(geometry, |row, column| cells[row * columns + column].rank() >= rank_min),
         Some(inside) => BitRows::from_fn(geometry, |row, column| {
             let index = row * columns + column;
             inside[index] && cells[index].rank() >= rank_min
@@ -25,11 +23,7 @@ pub fn suitable_cells(rank: &RankMap, rank_min: u8, inside: Option<&Layer<bool>>
 ///
 /// # Errors
 /// [`NestError`] when a parameter is outside its range or the mask does not fit.
-pub fn exact_nests(
-    rank: &RankMap,
-    inside: Option<&Layer<bool>>,
-    params: &NestParams,
-) -> Result<Nests, NestError> {
+pub fn exact_nests(rank: &RankMap, inside: Option<&Layer<bool>>, params: &NestParams) -> Result<Nests, NestError> {
     let steps = params.validate()?;
     let geometry = rank.cells().geometry();
     if let Some(inside) = inside {
@@ -100,7 +94,12 @@ pub fn nests_of_cells(
         let above = row.checked_sub(1).map_or(0..0, |_| row_starts[row - 1]..runs.len());
         let mut candidate = above.start;
         let mut found = Vec::new();
-        cells.runs(row, |from, to| found.push(Run { from: from as u32, to: to as u32 }));
+        cells.runs(row, |from, to| {
+            found.push(Run {
+                from: from as u32,
+                to: to as u32,
+            });
+        });
         for run in found {
             let number = sets.push();
             while candidate < above.end && runs[candidate].to + reach <= run.from {
@@ -209,8 +208,8 @@ mod tests {
     fn nests_that_share_an_edge_but_no_cell_are_apart_under_overlap() {
         let map = world(&["######", "######", "######"]);
         let with = |contact, vicinity| NestParams {
-            contact,
             vicinity,
+            contact,
             ..NestParams::default()
         };
         let one = exact_nests(&map, None, &with(Contact::Overlap, Vicinity::Moore1)).unwrap();
@@ -239,7 +238,7 @@ mod tests {
         ) {
             let geometry = GridGeometry::new(rows, columns, 1.0, 0.0, 0.0).unwrap();
             let ranks: Vec<u8> = (0..rows * columns)
-                .map(|i| if crate::random::philox([i as u32, 0, 0, 0], seed)[0] % 16 > 0 { 8 } else { 3 })
+                .map(|i| if crate::random::philox([i as u32, 0, 0, 0], seed)[0].is_multiple_of(16) { 3 } else { 8 })
                 .collect();
             let map = RankMap::from_ranks(geometry, &ranks).unwrap();
             let contact = if corner { Contact::Corner } else { Contact::Edge };

@@ -45,7 +45,10 @@ pub fn nest_graph(nests: &Nests) -> Vec<Gap> {
     let mut gaps: BTreeMap<(u32, u32), Gap> = BTreeMap::new();
     while let Some(index) = front.pop_front() {
         let here = geometry.cell(origin[index] as usize);
-        for near in EIGHT.iter().filter_map(|step| step.from(&geometry, geometry.cell(index))) {
+        for near in EIGHT
+            .iter()
+            .filter_map(|step| step.from(&geometry, geometry.cell(index)))
+        {
             let next = geometry.index(near);
             if origin[next] == NOWHERE {
                 origin[next] = origin[index];
@@ -112,9 +115,6 @@ mod tests {
         // The second nest lies between the others, so they are no neighbours.
         assert_eq!(pairs, [(1, 2), (2, 3)]);
         assert_eq!(graph[0].distance_m, 40.0);
-        assert_eq!(
-            (graph[1].from, graph[1].to),
-            (Cell::new(2, 8), Cell::new(4, 12))
-        );
+        assert_eq!((graph[1].from, graph[1].to), (Cell::new(2, 8), Cell::new(4, 12)));
     }
 }

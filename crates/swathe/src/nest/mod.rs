@@ -110,9 +110,7 @@ impl NestParams {
     /// [`NestError`] naming the parameter.
     pub fn validate(&self) -> Result<Vec<Step>, NestError> {
         if !(2..=10).contains(&self.rank_min) {
-            return Err(NestError::RankMin {
-                rank: self.rank_min,
-            });
+            return Err(NestError::RankMin { rank: self.rank_min });
         }
         self.vicinity.steps()
     }
@@ -132,6 +130,9 @@ impl Nests {
     }
 
     /// Nests from labels of any numbering; they are renumbered.
+    ///
+    /// # Errors
+    /// [`NestError::Grid`] when there is not one label per cell.
     pub fn from_labels(geometry: GridGeometry, labels: Vec<u32>) -> Result<Self, NestError> {
         let mut numbers = std::collections::HashMap::new();
         let mut sizes = Vec::new();
@@ -160,6 +161,11 @@ impl Nests {
     /// The labels.
     pub fn labels(&self) -> &Layer<u32> {
         &self.labels
+    }
+
+    /// The labels, given away.
+    pub fn into_labels(self) -> Layer<u32> {
+        self.labels
     }
 
     /// Number of nests.

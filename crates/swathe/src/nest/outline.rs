@@ -157,10 +157,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn area(ring: &Ring) -> f64 {
-        let doubled: f64 = ring
-            .windows(2)
-            .map(|p| p[0].x_m * p[1].y_m - p[1].x_m * p[0].y_m)
-            .sum();
+        let doubled: f64 = ring.windows(2).map(|p| p[0].x_m * p[1].y_m - p[1].x_m * p[0].y_m).sum();
         doubled / 2.0
     }
 

@@ -7,9 +7,7 @@
 
 use rayon::prelude::*;
 
-use crate::grid::{
-    Cell, GridGeometry, Layer, LayerView, Position, SIXTEEN, Step, pieces, swept_cells,
-};
+use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position, SIXTEEN, Step, pieces, swept_cells};
 use crate::nest::BitRows;
 use crate::soil::SoilClass;
 use crate::terrain::{allowed_headings, gradient_at};
@@ -222,14 +220,7 @@ impl<'a> Ground<'a> {
     }
 
     /// Checks the limits of a piece and notes its grades.
-    fn limits(
-        &self,
-        cell: Cell,
-        east: f64,
-        north: f64,
-        grade: f64,
-        facts: &mut SegmentFacts,
-    ) -> Option<Obstacle> {
+    fn limits(&self, cell: Cell, east: f64, north: f64, grade: f64, facts: &mut SegmentFacts) -> Option<Obstacle> {
         let gradient = gradient_at(self.elevation_m, cell)?;
         let traction = self.soils[self.soil_code(cell)].drawbar_grade;
         let up = self.vehicle.grade_up.min(traction) * (1.0 + SLACK);
@@ -430,8 +421,7 @@ fn bilinear(row: f64, column: f64) -> [(i64, i64, f64); 4] {
 fn template(step: Step, cell_size_m: f64, radius_m: f64) -> Template {
     let middle = (radius_m / cell_size_m).ceil() as usize + 3;
     let side = 2 * middle + 1;
-    let geometry =
-        GridGeometry::new(side, side, cell_size_m, 0.0, 0.0).expect("a scrap of grid has cells");
+    let geometry = GridGeometry::new(side, side, cell_size_m, 0.0, 0.0).expect("a scrap of grid has cells");
     let from = Cell::new(middle, middle);
     let to = step.from(&geometry, from).expect("the scrap holds the step");
     let (a, b) = (geometry.centre(from), geometry.centre(to));
@@ -483,19 +473,16 @@ mod tests {
             let void = draw(100 + geometry.index(cell) as u32) < 0.02;
             if void { f32::NAN } else { (height_m * wave) as f32 }
         });
-        let soils = geometry.cells().map(|cell| (draw(1000 + geometry.index(cell) as u32 / 7) * 6.0) as u8);
+        let soils = geometry
+            .cells()
+            .map(|cell| (draw(1000 + geometry.index(cell) as u32 / 7) * 6.0) as u8);
         (
             Layer::new(geometry, heights.collect(), "z").unwrap(),
             Layer::new(geometry, soils.collect(), "soil").unwrap(),
         )
     }
 
-    fn ground<'a>(
-        elevation: &'a Layer<f32>,
-        soil: &'a Layer<u8>,
-        vehicle: &'a Vehicle,
-        goal: Cell,
-    ) -> Ground<'a> {
+    fn ground<'a>(elevation: &'a Layer<f32>, soil: &'a Layer<u8>, vehicle: &'a Vehicle, goal: Cell) -> Ground<'a> {
         let goal = elevation.geometry().centre(goal);
         let known = |index: usize| elevation.data()[index].is_finite();
         Ground::new(elevation.view(), Some(soil.view()), vehicle, 18.0, known, None, goal)

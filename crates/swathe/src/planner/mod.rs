@@ -19,9 +19,7 @@ use crate::swarm::SwarmError;
 
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
-pub use plan::{
-    Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain, nest_params, plan,
-};
+pub use plan::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain, nest_params, plan};
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};
 pub use search::{Search, StepGraph, cost_field, search};
@@ -46,7 +44,9 @@ pub enum PlannerError {
     #[error(transparent)]
     Swarm(#[from] SwarmError),
     /// A cost below zero.
-    #[error("The cost {cost} at cell ({row}, {column}) is negative: costs must be at least 0, NaN or infinite where closed.")]
+    #[error(
+        "The cost {cost} at cell ({row}, {column}) is negative: costs must be at least 0, NaN or infinite where closed."
+    )]
     NegativeCost {
         /// Row of the cell.
         row: usize,

@@ -291,10 +291,7 @@ impl Planner<'_> {
     /// The cheapest way on a coarse map on which nothing but unknown ground is closed, and the cells that it looked at.
     fn spine(&self) -> (Option<Vec<Position>>, u64) {
         let geometry = self.geometry();
-        let (rows, columns) = (
-            geometry.rows().div_ceil(COARSE),
-            geometry.columns().div_ceil(COARSE),
-        );
+        let (rows, columns) = (geometry.rows().div_ceil(COARSE), geometry.columns().div_ceil(COARSE));
         let coarse = GridGeometry::new(
             rows,
             columns,
@@ -305,10 +302,12 @@ impl Planner<'_> {
         let Ok(coarse) = coarse else { return (None, 0) };
         let elevation = coarse_mean(self.terrain.elevation_m, coarse);
         let soil = self.terrain.soil.map(|soil| {
-            let centre = |cell: Cell| Cell::new(
-                (cell.row * COARSE + COARSE / 2).min(geometry.rows() - 1),
-                (cell.column * COARSE + COARSE / 2).min(geometry.columns() - 1),
-            );
+            let centre = |cell: Cell| {
+                Cell::new(
+                    (cell.row * COARSE + COARSE / 2).min(geometry.rows() - 1),
+                    (cell.column * COARSE + COARSE / 2).min(geometry.columns() - 1),
+                )
+            };
             coarse.cells().map(|cell| soil[centre(cell)]).collect::<Vec<u8>>()
         });
         let soil = soil.and_then(|soil| Layer::new(coarse, soil, "the soil").ok());
@@ -369,7 +368,11 @@ impl Planner<'_> {
             let mut found: Vec<(Cell, f64)> = cells
                 .filter(|&cell| nests.label(cell) > 0)
                 .map(|cell| {
-                    let away_m = if cell == end { 0.0 } else { geometry.centre(cell).distance_m(place) };
+                    let away_m = if cell == end {
+                        0.0
+                    } else {
+                        geometry.centre(cell).distance_m(place)
+                    };
                     (cell, away_m)
                 })
                 .collect();
@@ -379,7 +382,11 @@ impl Planner<'_> {
         let starts = near(self.ends[0], self.request.start);
         let goals = near(self.ends[1], self.request.goal);
         let (Some(&start), Some(&goal)) = (starts.first(), goals.first()) else {
-            return Err(if starts.is_empty() { Status::StartBlocked } else { Status::GoalBlocked });
+            return Err(if starts.is_empty() {
+                Status::StartBlocked
+            } else {
+                Status::GoalBlocked
+            });
         };
         let together = |(a, b): &((Cell, f64), (Cell, f64))| nests.label(a.0) == nests.label(b.0);
         let farther = || {
@@ -479,7 +486,11 @@ impl Planner<'_> {
 
     /// The exact place where the cell itself is ground, else the centre of the cell that it was moved to.
     fn standing(&self, end: (Cell, f64), place: Position) -> Position {
-        if end.1 == 0.0 { place } else { self.geometry().centre(end.0) }
+        if end.1 == 0.0 {
+            place
+        } else {
+            self.geometry().centre(end.0)
+        }
     }
 
     fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool) -> Ground<'_> {
@@ -487,9 +498,7 @@ impl Planner<'_> {
         let labels = nests.labels().data();
         let nest = nests.label(ends.start.0);
         let goal = geometry.centre(ends.goal.0);
-        let Terrain {
-            elevation_m, soil, ..
-        } = self.terrain;
+        let Terrain { elevation_m, soil, .. } = self.terrain;
         if !bridging {
             return Ground::new(
                 elevation_m,
@@ -646,7 +655,11 @@ mod tests {
             _ => 0.0,
         });
         let soils = bytes.iter().map(|byte| {
-            let class = if *byte == b'~' { SoilClass::None } else { SoilClass::Sand };
+            let class = if *byte == b'~' {
+                SoilClass::None
+            } else {
+                SoilClass::Sand
+            };
             class as u8
         });
         (
@@ -675,8 +688,7 @@ mod tests {
         let (elevation, soil) = layers;
         let vehicle = pioneer();
         let params = RankParams::default();
-        let ranker =
-            Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
+        let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
         let terrain = Terrain {
             elevation_m: elevation.view(),
             soil: Some(soil.view()),
@@ -716,8 +728,17 @@ mod tests {
         let found = solve(&layers, &ask);
         let route = found.answer.unwrap();
         assert!(route.total.length_m > 150.0 && route.total.length_m < 240.0);
-        assert!(route.legs.iter().any(|leg| leg.reason.contains("water or peat")), "{route:?}");
-        let exact = solve(&layers, &PlanRequest { method: Method::Exact, ..ask });
+        assert!(
+            route.legs.iter().any(|leg| leg.reason.contains("water or peat")),
+            "{route:?}"
+        );
+        let exact = solve(
+            &layers,
+            &PlanRequest {
+                method: Method::Exact,
+                ..ask
+            },
+        );
         assert!(exact.optimal);
         approx::assert_relative_eq!(exact.path_cost.unwrap(), found.path_cost.unwrap(), epsilon = 1e-9);
     }
@@ -755,7 +776,12 @@ mod tests {
         let near = solve(&layers, &request(geometry, (9, 8), (9, 2)));
         assert!((5.0..25.0).contains(&near.start.unwrap().1));
         assert!(near.answer.is_ok());
-        let cliffs = world(&["....1234321....", "....1234321....", "....1234321....", "....1234321...."]);
+        let cliffs = world(&[
+            "....1234321....",
+            "....1234321....",
+            "....1234321....",
+            "....1234321....",
+        ]);
         let ask = |start, goal| solve(&cliffs, &request(cliffs.0.geometry(), start, goal));
         let refusal = ask((1, 1), (1, 8)).answer.unwrap_err();
         assert_eq!(refusal.status, Status::GoalBlocked);
@@ -782,7 +808,9 @@ mod tests {
         rows[0] = "........??..........".to_owned();
         let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
         let layers = world(&rows);
-        let route = solve(&layers, &request(layers.0.geometry(), (9, 3), (9, 15))).answer.unwrap();
+        let route = solve(&layers, &request(layers.0.geometry(), (9, 3), (9, 15)))
+            .answer
+            .unwrap();
         for leg in &route.legs {
             for end in [leg.from, leg.to] {
                 assert!(layers.0[layers.0.geometry().cell_at(end).unwrap()].is_finite());

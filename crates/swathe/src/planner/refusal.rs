@@ -66,9 +66,7 @@ fn describe(found: CellRank) -> String {
         Reason::Step => "steps that are too high".to_owned(),
         Reason::UnknownSoil => "unknown soil".to_owned(),
         Reason::Zone => "a closed zone".to_owned(),
-        Reason::None if found.rank() >= crate::rank::RANK_MIN_GATED => {
-            "ground too narrow for a nest".to_owned()
-        }
+        Reason::None if found.rank() >= crate::rank::RANK_MIN_GATED => "ground too narrow for a nest".to_owned(),
         Reason::None => format!("poor ground (rank {})", found.rank()),
     }
 }
@@ -77,9 +75,7 @@ fn describe(found: CellRank) -> String {
 fn cure(found: CellRank, slope: Option<f64>, vehicle: &Vehicle) -> String {
     let slope = slope.unwrap_or(f64::NAN);
     match found.reason() {
-        Reason::UnknownElevation => {
-            "Give elevation data that covers the place, or choose another place.".to_owned()
-        }
+        Reason::UnknownElevation => "Give elevation data that covers the place, or choose another place.".to_owned(),
         Reason::Grade => format!(
             "A vehicle that drives {} % would pass (this one: {:.0} % up, {:.0} % down).",
             (slope * 100.0).ceil(),
@@ -115,7 +111,11 @@ pub(super) fn blocked_end(
     vehicle: &Vehicle,
     snap_m: f64,
 ) -> Refusal {
-    let name = if status == Status::StartBlocked { "start" } else { "goal" };
+    let name = if status == Status::StartBlocked {
+        "start"
+    } else {
+        "goal"
+    };
     let slope = gradient_at(elevation_m, cell).map(crate::terrain::Gradient::slope);
     let steep = match (found.reason(), slope) {
         (Reason::Grade | Reason::SideSlope, Some(slope)) => format!(" ({:.0} %)", slope * 100.0),

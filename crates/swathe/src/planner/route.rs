@@ -81,8 +81,16 @@ fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
     total.descent_m += leg.descent_m;
     total.bridged_m += leg.bridged_m;
     total.side_slope_max = total.side_slope_max.max(leg.side_slope_max);
-    total.grade_max = if first { leg.grade_max } else { total.grade_max.max(leg.grade_max) };
-    total.grade_min = if first { leg.grade_min } else { total.grade_min.min(leg.grade_min) };
+    total.grade_max = if first {
+        leg.grade_max
+    } else {
+        total.grade_max.max(leg.grade_max)
+    };
+    total.grade_min = if first {
+        leg.grade_min
+    } else {
+        total.grade_min.min(leg.grade_min)
+    };
     for (sum, part) in total.soil_m.iter_mut().zip(leg.soil_m) {
         *sum += part;
     }
@@ -117,9 +125,17 @@ fn reason(facts: &SegmentFacts, max_speed_mps: f64, turn: Option<String>) -> Str
     } else if speed_mps > 0.98 * max_speed_mps {
         "full speed".to_owned()
     } else if facts.grade_max >= 0.02 && facts.grade_max >= -facts.grade_min {
-        format!("slowed by {} soil and up to {} % uphill", main_soil(facts).name(), percent(facts.grade_max))
+        format!(
+            "slowed by {} soil and up to {} % uphill",
+            main_soil(facts).name(),
+            percent(facts.grade_max)
+        )
     } else if facts.grade_min <= -0.02 {
-        format!("slowed by {} soil and up to {} % downhill", main_soil(facts).name(), percent(-facts.grade_min))
+        format!(
+            "slowed by {} soil and up to {} % downhill",
+            main_soil(facts).name(),
+            percent(-facts.grade_min)
+        )
     } else {
         format!("slowed by {} soil", main_soil(facts).name())
     };

@@ -103,11 +103,7 @@ mod tests {
     fn a_textbook_matrix_has_its_published_ratio() {
         // Saaty's scale, three criteria: 1, 3, 5 / 1, 3 / 1; eigenvalue 3.0385, ratio 0.033.
         let third = 1.0 / 3.0;
-        let matrix = [
-            vec![1.0, 3.0, 5.0],
-            vec![third, 1.0, 3.0],
-            vec![0.2, third, 1.0],
-        ];
+        let matrix = [vec![1.0, 3.0, 5.0], vec![third, 1.0, 3.0], vec![0.2, third, 1.0]];
         let result = ahp(&matrix, false).unwrap();
         assert_relative_eq!(result.lambda_max, 3.0385, epsilon = 1e-4);
         assert_relative_eq!(result.consistency_ratio, 0.0332, epsilon = 1e-4);

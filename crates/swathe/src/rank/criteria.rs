@@ -50,12 +50,7 @@ impl Criteria {
                 _ if !traffic.go => Some(Reason::SoilStrength),
                 _ => None,
             };
-            let steepest = limit.min(
-                vehicle
-                    .grade_up
-                    .min(traffic.drawbar_grade)
-                    .max(vehicle.grade_down),
-            );
+            let steepest = limit.min(vehicle.grade_up.min(traffic.drawbar_grade).max(vehicle.grade_down));
             SoilRow {
                 goodness: effective.goodness(params.soil_table),
                 gate: gate.filter(|_| gated),

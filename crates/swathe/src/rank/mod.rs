@@ -192,7 +192,7 @@ pub enum UnknownSoil {
 /// How height goodness and soil goodness become one rank.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Combine {
-    /// 2 (w_height height + w_soil soil), rounded half away from zero; weights of one half are the paper's eq. 1.
+    /// `2 (w_height height + w_soil soil)`, rounded half away from zero; weights of one half are the paper's eq. 1.
     Weighted {
         /// Weight of the height goodness.
         height: f64,
@@ -205,10 +205,7 @@ pub enum Combine {
 
 impl Combine {
     /// Eq. 1: the plain sum.
-    pub const SUM: Self = Self::Weighted {
-        height: 0.5,
-        soil: 0.5,
-    };
+    pub const SUM: Self = Self::Weighted { height: 0.5, soil: 0.5 };
 }
 
 /// Parameters of a ranking.

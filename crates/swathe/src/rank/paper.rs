@@ -116,7 +116,12 @@ mod tests {
     fn directions_choose_among_differences() {
         let differences = [(0.0, true), (-70.0, false), (10.0, true)];
         let goodness = |directions| {
-            goodness_of(differences.into_iter(), directions, Bands::Symmetric, Rounding::HalfAway)
+            goodness_of(
+                differences.into_iter(),
+                directions,
+                Bands::Symmetric,
+                Rounding::HalfAway,
+            )
         };
         assert_eq!(goodness(Directions::Worst), 3);
         assert_eq!(goodness(Directions::Four), 4);

@@ -49,11 +49,7 @@ impl<'a> Ranker<'a> {
             if found == expected {
                 Ok(())
             } else {
-                Err(crate::grid::GridError::ShapeMismatch {
-                    what,
-                    expected,
-                    found,
-                })
+                Err(crate::grid::GridError::ShapeMismatch { what, expected, found })
             }
         };
         if let Some(soil) = soil {
@@ -93,22 +89,18 @@ impl<'a> Ranker<'a> {
         let mut cells = Layer::filled(geometry, CellRank::UNKNOWN);
         let columns = geometry.columns();
         let plain = self.params.profile == Profile::Metric && !self.fine && self.zones.is_none();
-        cells
-            .data_mut()
-            .par_chunks_mut(columns)
-            .enumerate()
-            .for_each_init(
-                || vec![0.0; columns],
-                |slopes, (row, out)| {
-                    if plain && row > 0 && row + 1 < geometry.rows() && columns > 2 {
-                        self.rank_row(row, slopes, out);
-                    } else {
-                        for (column, cell) in out.iter_mut().enumerate() {
-                            *cell = self.cell_rank(Cell::new(row, column));
-                        }
+        cells.data_mut().par_chunks_mut(columns).enumerate().for_each_init(
+            || vec![0.0; columns],
+            |slopes, (row, out)| {
+                if plain && row > 0 && row + 1 < geometry.rows() && columns > 2 {
+                    self.rank_row(row, slopes, out);
+                } else {
+                    for (column, cell) in out.iter_mut().enumerate() {
+                        *cell = self.cell_rank(Cell::new(row, column));
                     }
-                },
-            );
+                }
+            },
+        );
         RankMap::new(cells)
     }
 
@@ -126,7 +118,13 @@ impl<'a> Ranker<'a> {
         for (i, slope) in slopes[1..=inner].iter_mut().enumerate() {
             *slope = slope_squared(
                 [
-                    west.0[i], middle.0[i], east.0[i], west.1[i], east.1[i], west.2[i], middle.1[i],
+                    west.0[i],
+                    middle.0[i],
+                    east.0[i],
+                    west.1[i],
+                    east.1[i],
+                    west.2[i],
+                    middle.1[i],
                     east.2[i],
                 ],
                 scale,
@@ -215,7 +213,9 @@ impl CellSource for Ranker<'_> {
             _ => self.criteria.slope_goodness(squared),
         };
         let mut step = None;
-        if self.fine && let Some(roughness) = roughness_at(self.elevation_m, cell) {
+        if self.fine
+            && let Some(roughness) = roughness_at(self.elevation_m, cell)
+        {
             goodness = goodness.min(self.criteria.roughness_goodness(roughness));
             step = self.criteria.step_gate(roughness);
         }
@@ -309,8 +309,7 @@ mod tests {
                 moisture_percent,
                 ..RankParams::default()
             };
-            let ranker =
-                Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
+            let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
             ranker.cell_rank(Cell::new(2, 2)).reason()
         };
         assert_eq!(at(20.0), Reason::None);
@@ -361,10 +360,12 @@ mod tests {
         let vehicle = tractor();
         let kerb = |cell_size_m| {
             let geometry = GridGeometry::new(5, 5, cell_size_m, 0.0, 0.0).unwrap();
-            let data = geometry.cells().map(|c| f32::from(u8::from(c.column > 2)) * 0.5).collect();
+            let data = geometry
+                .cells()
+                .map(|c| f32::from(u8::from(c.column > 2)) * 0.5)
+                .collect();
             let elevation = Layer::new(geometry, data, "kerb").unwrap();
-            let ranker =
-                Ranker::new(elevation.view(), None, None, None, &vehicle, RankParams::default()).unwrap();
+            let ranker = Ranker::new(elevation.view(), None, None, None, &vehicle, RankParams::default()).unwrap();
             ranker.cell_rank(Cell::new(2, 2))
         };
         assert_eq!(kerb(1.5).reason(), Reason::Step);
@@ -425,10 +426,7 @@ mod tests {
         };
         assert!(new(None, wet).is_err());
         let unweighted = RankParams {
-            combine: Combine::Weighted {
-                height: 0.9,
-                soil: 0.9,
-            },
+            combine: Combine::Weighted { height: 0.9, soil: 0.9 },
             ..RankParams::default()
         };
         assert!(matches!(new(None, unweighted), Err(RankError::Parameter { .. })));

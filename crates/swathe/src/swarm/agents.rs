@@ -62,10 +62,7 @@ impl<Inside: Fn(usize) -> bool, Pellets: Fn(usize) -> u8> Field<'_, Inside, Pell
     /// A random cell of the swathe, all equally likely.
     fn deploy(&self, agent: u32, tick: u64) -> Option<usize> {
         (1..=DEPLOYMENT_TRIES).find_map(|attempt| {
-            let draw = philox(
-                [agent, tick as u32, (tick >> 32) as u32, attempt],
-                self.params.seed,
-            );
+            let draw = philox([agent, tick as u32, (tick >> 32) as u32, attempt], self.params.seed);
             let cell = Cell::new(
                 self.extent.row + below(draw[0], self.extent.rows as u32) as usize,
                 self.extent.column + below(draw[1], self.extent.columns as u32) as usize,

@@ -77,11 +77,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
     ///
     /// # Errors
     /// [`SwarmError`] when a parameter is outside its range or the mask does not fit the map.
-    pub fn deploy(
-        source: &'a Source,
-        inside: &Layer<bool>,
-        params: SwarmParams,
-    ) -> Result<Self, SwarmError> {
+    pub fn deploy(source: &'a Source, inside: &Layer<bool>, params: SwarmParams) -> Result<Self, SwarmError> {
         params.validate()?;
         let geometry = source.geometry();
         let cells = geometry.cell_count();
@@ -380,7 +376,9 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
     fn may_be_core(&self, index: usize) -> bool {
         let cell = self.geometry.cell(index);
         self.vicinity.iter().all(|step| {
-            let near = step.from(&self.geometry, cell).map(|near| self.flags[self.geometry.index(near)]);
+            let near = step
+                .from(&self.geometry, cell)
+                .map(|near| self.flags[self.geometry.index(near)]);
             match near {
                 Some(flags) if flags & flag::INSIDE > 0 => {
                     flags & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
@@ -459,8 +457,8 @@ mod tests {
                     *cell = i % columns <= columns / 2;
                 }
             }
-            let nest = NestParams { contact, vicinity, border_suitable, ..NestParams::default() };
-            let params = SwarmParams { agents, pellet_max, explore, nest, seed, ..SwarmParams::default() };
+            let nest = NestParams { vicinity, contact, border_suitable, ..NestParams::default() };
+            let params = SwarmParams { agents, pellet_max, nest, explore, seed, ..SwarmParams::default() };
             let oracle = exact_nests(&map, Some(&inside), &nest).unwrap();
             let mut colony = Colony::deploy(&map, &inside, params).unwrap();
             for _ in 0..3 {
@@ -557,10 +555,22 @@ mod tests {
     #[test]
     fn parameters_outside_their_range_are_named() {
         let bad = [
-            SwarmParams { agents: 0, ..SwarmParams::default() },
-            SwarmParams { pellet_max: 0, ..SwarmParams::default() },
-            SwarmParams { teleport: 1.5, ..SwarmParams::default() },
-            SwarmParams { attract: f64::NAN, ..SwarmParams::default() },
+            SwarmParams {
+                agents: 0,
+                ..SwarmParams::default()
+            },
+            SwarmParams {
+                pellet_max: 0,
+                ..SwarmParams::default()
+            },
+            SwarmParams {
+                teleport: 1.5,
+                ..SwarmParams::default()
+            },
+            SwarmParams {
+                attract: f64::NAN,
+                ..SwarmParams::default()
+            },
         ];
         for params in bad {
             assert!(matches!(params.validate(), Err(SwarmError::Parameter { .. })));

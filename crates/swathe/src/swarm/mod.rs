@@ -90,13 +90,7 @@ impl SwarmParams {
     /// [`SwarmError`] naming the first one outside its range.
     pub fn validate(&self) -> Result<(), SwarmError> {
         self.nest.validate()?;
-        let fail = |name, given, allowed| {
-            Err(SwarmError::Parameter {
-                name,
-                given,
-                allowed,
-            })
-        };
+        let fail = |name, given, allowed| Err(SwarmError::Parameter { name, given, allowed });
         if !(1..=MOST_AGENTS).contains(&self.agents) {
             return fail("number of agents", f64::from(self.agents), "1 to 1000000 is allowed");
         }

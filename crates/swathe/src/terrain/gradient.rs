@@ -112,7 +112,7 @@ pub fn gradient_at(elevation_m: LayerView<f32>, cell: Cell) -> Option<Gradient> 
 /// # Errors
 /// None today; the signature leaves room for a request to stop.
 pub fn slope(elevation_m: LayerView<f32>) -> Result<Layer<f32>, TerrainError> {
-    map_gradient(elevation_m, |gradient| gradient.slope())
+    map_gradient(elevation_m, Gradient::slope)
 }
 
 /// Downhill direction of every cell, counter-clockwise from east; NaN where it is flat or unknown.
@@ -129,10 +129,7 @@ pub fn aspect_rad(elevation_m: LayerView<f32>) -> Result<Layer<f32>, TerrainErro
     })
 }
 
-fn map_gradient(
-    elevation_m: LayerView<f32>,
-    value: impl Fn(Gradient) -> f64,
-) -> Result<Layer<f32>, TerrainError> {
+fn map_gradient(elevation_m: LayerView<f32>, value: impl Fn(Gradient) -> f64) -> Result<Layer<f32>, TerrainError> {
     let geometry = elevation_m.geometry();
     let data = geometry
         .cells()
@@ -145,10 +142,7 @@ fn map_gradient(
 pub static HEADINGS: std::sync::LazyLock<[(f64, f64); 16]> = std::sync::LazyLock::new(|| {
     SIXTEEN.map(|step| {
         let length = step.length_cells();
-        (
-            f64::from(step.columns) / length,
-            f64::from(-step.rows) / length,
-        )
+        (f64::from(step.columns) / length, f64::from(-step.rows) / length)
     })
 });
 
@@ -162,8 +156,7 @@ pub fn allowed_headings(gradient: Gradient, grade_up: f64, grade_down: f64, side
     let mut allowed = 0;
     for (k, &(east, north)) in HEADINGS.iter().enumerate() {
         let pitch = gradient.along(east, north);
-        if pitch <= grade_up && pitch >= -grade_down && gradient.across(east, north).abs() <= side_slope
-        {
+        if pitch <= grade_up && pitch >= -grade_down && gradient.across(east, north).abs() <= side_slope {
             allowed |= 1 << k;
         }
     }
@@ -216,7 +209,7 @@ mod tests {
 
         #[test]
         fn headings_shrink_as_the_slope_grows(
-            angle in 0.0f64..6.28, slope in 0.0f64..0.6, up in 0.1f64..0.4, side in 0.1f64..0.4,
+            angle in 0.0f64..std::f64::consts::TAU, slope in 0.0f64..0.6, up in 0.1f64..0.4, side in 0.1f64..0.4,
         ) {
             let gradient = |slope: f64| Gradient { east: slope * angle.cos(), north: slope * angle.sin() };
             let gentle = allowed_headings(gradient(slope), up, up, side);

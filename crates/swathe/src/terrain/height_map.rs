@@ -35,10 +35,7 @@ impl Grouping {
 ///
 /// # Errors
 /// [`TerrainError::AllVoid`] without a known height, [`TerrainError::HeightRange`] for a range that is not one.
-pub fn height_map(
-    elevation_m: LayerView<f32>,
-    range_m: Option<(f64, f64)>,
-) -> Result<Layer<Option<u8>>, TerrainError> {
+pub fn height_map(elevation_m: LayerView<f32>, range_m: Option<(f64, f64)>) -> Result<Layer<Option<u8>>, TerrainError> {
     let (low, high) = match range_m {
         Some((low, high)) if low.is_finite() && high.is_finite() && low < high => (low, high),
         Some((low, high)) => return Err(TerrainError::HeightRange { low, high }),
@@ -146,7 +143,6 @@ pub fn worst_difference(values: LayerView<f32>, cell: Cell, steps: &[Step]) -> O
         // One cell alone has no difference: it is level where it is known.
         .or_else(|| (here.is_finite() && geometry.cell_count() == 1).then_some(0.0))
 }
-
 
 #[cfg(test)]
 mod tests {

@@ -8,12 +8,8 @@ use thiserror::Error;
 
 use crate::grid::GridError;
 
-pub use gradient::{
-    Gradient, HEADINGS, allowed_headings, aspect_rad, gradient_at, neighbourhood, slope,
-};
-pub use height_map::{
-    Grouping, block_max, directional_difference, group_mean, height_map, worst_difference,
-};
+pub use gradient::{Gradient, HEADINGS, allowed_headings, aspect_rad, gradient_at, neighbourhood, slope};
+pub use height_map::{Grouping, block_max, directional_difference, group_mean, height_map, worst_difference};
 pub use roughness::{Roughness, roughness_at};
 
 /// What can be wrong with a terrain request.

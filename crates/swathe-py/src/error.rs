@@ -1,0 +1,332 @@
+//! The one map from the core's errors to Python's.
+
+use pyo3::prelude::*;
+use swathe::corridor::CorridorError;
+use swathe::grid::GridError;
+use swathe::nest::NestError;
+use swathe::planner::PlannerError;
+use swathe::rank::RankError;
+use swathe::soil::SoilError;
+use swathe::swarm::SwarmError;
+use swathe::terrain::TerrainError;
+use swathe::vehicle::VehicleError;
+
+mod python {
+    pyo3::import_exception!(swathe.errors, AllVoidError);
+    pyo3::import_exception!(swathe.errors, InterruptedBySignalError);
+    pyo3::import_exception!(swathe.errors, InvalidParameterError);
+    pyo3::import_exception!(swathe.errors, InvalidVehicleError);
+    pyo3::import_exception!(swathe.errors, OutsideGridError);
+    pyo3::import_exception!(swathe.errors, ShapeMismatchError);
+}
+
+/// Any error of the core.
+#[derive(Debug)]
+pub(crate) enum CoreError {
+    Grid(GridError),
+    Terrain(TerrainError),
+    Soil(SoilError),
+    Vehicle(VehicleError),
+    Rank(RankError),
+    Corridor(CorridorError),
+    Nest(NestError),
+    Swarm(SwarmError),
+    Planner(PlannerError),
+}
+
+macro_rules! from {
+    ($($variant:ident($error:ty)),*) => {
+        $(impl From<$error> for CoreError {
+            fn from(error: $error) -> Self {
+                Self::$variant(error)
+            }
+        })*
+    };
+}
+from!(
+    Grid(GridError),
+    Terrain(TerrainError),
+    Soil(SoilError),
+    Vehicle(VehicleError),
+    Rank(RankError),
+    Corridor(CorridorError),
+    Nest(NestError),
+    Swarm(SwarmError),
+    Planner(PlannerError)
+);
+
+/// Which Python class stands for an error, and what the user should do about it.
+enum Class {
+    Parameter(&'static str),
+    Shape,
+    Outside,
+    Vehicle,
+    AllVoid,
+    Stopped,
+}
+
+impl CoreError {
+    fn class(&self) -> Class {
+        match self {
+            Self::Grid(error)
+            | Self::Terrain(TerrainError::Grid(error))
+            | Self::Rank(RankError::Grid(error))
+            | Self::Nest(NestError::Grid(error))
+            | Self::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error)))
+            | Self::Planner(
+                PlannerError::Grid(error)
+                | PlannerError::Rank(RankError::Grid(error))
+                | PlannerError::Nest(NestError::Grid(error))
+                | PlannerError::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error))),
+            ) => of_grid(error),
+            Self::Terrain(TerrainError::AllVoid) => Class::AllVoid,
+            Self::Terrain(TerrainError::HeightRange { .. }) => Class::Parameter("Give low,high in metres."),
+            Self::Soil(error)
+            | Self::Rank(RankError::Soil(error))
+            | Self::Planner(PlannerError::Rank(RankError::Soil(error))) => of_soil(error),
+            Self::Vehicle(VehicleError::Figure { .. })
+            | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
+            | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
+            Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
+            Self::Corridor(CorridorError::Length { .. })
+            | Self::Swarm(SwarmError::Parameter { .. })
+            | Self::Planner(
+                PlannerError::Corridor(CorridorError::Length { .. })
+                | PlannerError::Swarm(SwarmError::Parameter { .. }),
+            ) => Class::Parameter("Leave it out for the usual value."),
+            Self::Nest(error)
+            | Self::Swarm(SwarmError::Nest(error))
+            | Self::Planner(PlannerError::Nest(error) | PlannerError::Swarm(SwarmError::Nest(error))) => of_nest(error),
+            Self::Planner(PlannerError::NegativeCost { .. }) => {
+                Class::Parameter("Mark closed cells with NaN or infinity instead.")
+            }
+            Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
+            Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
+            Self::Planner(PlannerError::Stopped) => Class::Stopped,
+        }
+    }
+
+    fn message(&self) -> String {
+        match self {
+            Self::Grid(error) => error.to_string(),
+            Self::Terrain(error) => error.to_string(),
+            Self::Soil(error) => error.to_string(),
+            Self::Vehicle(error) => error.to_string(),
+            Self::Rank(error) => error.to_string(),
+            Self::Corridor(error) => error.to_string(),
+            Self::Nest(error) => error.to_string(),
+            Self::Swarm(error) => error.to_string(),
+            Self::Planner(error) => error.to_string(),
+        }
+    }
+}
+
+fn of_grid(error: &GridError) -> Class {
+    match error {
+        GridError::Empty { .. } => Class::Parameter("Give at least one row and one column."),
+        GridError::TooManyCells { .. } => Class::Parameter("Choose a window or coarser cells."),
+        GridError::NotALength { .. } => Class::Parameter("Give it in metres."),
+        GridError::ShapeMismatch { .. } => Class::Shape,
+        GridError::OutsideGrid { .. } => Class::Outside,
+    }
+}
+
+fn of_soil(error: &SoilError) -> Class {
+    match error {
+        SoilError::UnknownCode { .. } => Class::Parameter("Use the codes of swathe.soil.SoilClass."),
+        SoilError::Moisture { .. } => Class::Parameter("Give dry, normal, wet or a number of per cent."),
+    }
+}
+
+fn of_rank(error: &RankError) -> Class {
+    match error {
+        RankError::Grid(error) => of_grid(error),
+        RankError::Soil(error) => of_soil(error),
+        RankError::Vehicle(VehicleError::Figure { .. }) => Class::Vehicle,
+        RankError::Rank { .. } => Class::Parameter("Give ranks as swathe.rank makes them."),
+        RankError::Parameter { .. } => Class::Parameter("Leave it out for the usual value."),
+        RankError::NoHeightMap => Class::Parameter("Give the grey levels, or choose profile metric."),
+        RankError::Matrix { .. } => Class::Parameter("Give a square matrix with a_ji = 1 / a_ij."),
+        RankError::Inconsistent { .. } => {
+            Class::Parameter("Review the comparisons, or pass force=True to use them anyway.")
+        }
+    }
+}
+
+fn of_nest(error: &NestError) -> Class {
+    match error {
+        NestError::Grid(error) => of_grid(error),
+        NestError::RankMin { .. } => Class::Parameter("Give 6 with gates or 7 without."),
+        NestError::Vicinity { .. } => Class::Parameter("Give moore1, von_neumann1, cell or disk:r."),
+    }
+}
+
+impl From<CoreError> for PyErr {
+    fn from(error: CoreError) -> Self {
+        let message = error.message();
+        match error.class() {
+            Class::Parameter(remedy) => python::InvalidParameterError::new_err((message, remedy)),
+            Class::Shape => python::ShapeMismatchError::new_err((
+                message,
+                "Read all layers on one geometry, for instance with the same window.",
+            )),
+            Class::Outside => {
+                python::OutsideGridError::new_err((message, "Rows and columns count from 0 at the north-west."))
+            }
+            Class::Vehicle => {
+                python::InvalidVehicleError::new_err((message, "Correct the figure in the vehicle's file."))
+            }
+            Class::AllVoid => python::AllVoidError::new_err((message, "Give elevation data that covers the area.")),
+            Class::Stopped => python::InterruptedBySignalError::new_err((message, "")),
+        }
+    }
+}
+
+/// An error of the caller's, said before the core is asked.
+pub(crate) fn invalid(message: String, remedy: &'static str) -> PyErr {
+    python::InvalidParameterError::new_err((message, remedy))
+}
+
+/// One error of every kind that the core knows, by name.
+#[allow(clippy::too_many_lines, reason = "a table")]
+fn samples() -> Vec<(&'static str, CoreError)> {
+    let figure = || VehicleError::Figure {
+        name: "mass in kilograms",
+        given: -1.0,
+        allowed: "it must be finite and above 0",
+    };
+    let (name, given, allowed) = ("width", -1.0, "it must be above 0");
+    vec![
+        ("grid.empty", GridError::Empty { rows: 0, columns: 3 }.into()),
+        (
+            "grid.too_many_cells",
+            GridError::TooManyCells {
+                rows: 1 << 20,
+                columns: 1 << 20,
+            }
+            .into(),
+        ),
+        (
+            "grid.not_a_length",
+            GridError::NotALength {
+                name: "cell size",
+                given: 0.0,
+                and: "",
+            }
+            .into(),
+        ),
+        (
+            "grid.shape_mismatch",
+            GridError::ShapeMismatch {
+                what: "the soil layer",
+                expected: 4,
+                found: 3,
+            }
+            .into(),
+        ),
+        (
+            "grid.outside_grid",
+            GridError::OutsideGrid {
+                row: 9,
+                column: 0,
+                rows: 3,
+                columns: 3,
+            }
+            .into(),
+        ),
+        (
+            "terrain.grid",
+            TerrainError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("terrain.all_void", TerrainError::AllVoid.into()),
+        (
+            "terrain.height_range",
+            TerrainError::HeightRange { low: 2.0, high: 1.0 }.into(),
+        ),
+        ("soil.unknown_code", SoilError::UnknownCode { code: 9 }.into()),
+        ("soil.moisture", SoilError::Moisture { percent: -3.0 }.into()),
+        ("vehicle.figure", figure().into()),
+        (
+            "rank.grid",
+            RankError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("rank.soil", RankError::Soil(SoilError::UnknownCode { code: 9 }).into()),
+        ("rank.vehicle", RankError::Vehicle(figure()).into()),
+        ("rank.rank", RankError::Rank { rank: 11 }.into()),
+        ("rank.parameter", RankError::Parameter { name, given, allowed }.into()),
+        ("rank.no_height_map", RankError::NoHeightMap.into()),
+        (
+            "rank.matrix",
+            RankError::Matrix {
+                why: "it has 0 criteria".to_owned(),
+            }
+            .into(),
+        ),
+        ("rank.inconsistent", RankError::Inconsistent { ratio: 0.5 }.into()),
+        ("corridor.length", CorridorError::Length { name, given, allowed }.into()),
+        (
+            "nest.grid",
+            NestError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("nest.rank_min", NestError::RankMin { rank: 11 }.into()),
+        ("nest.vicinity", NestError::Vicinity { radius_cells: -1.0 }.into()),
+        ("swarm.nest", SwarmError::Nest(NestError::RankMin { rank: 0 }).into()),
+        (
+            "swarm.grid",
+            SwarmError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("swarm.parameter", SwarmError::Parameter { name, given, allowed }.into()),
+        (
+            "planner.grid",
+            PlannerError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("planner.rank", PlannerError::Rank(RankError::NoHeightMap).into()),
+        (
+            "planner.corridor",
+            PlannerError::Corridor(CorridorError::Length { name, given, allowed }).into(),
+        ),
+        (
+            "planner.nest",
+            PlannerError::Nest(NestError::RankMin { rank: 0 }).into(),
+        ),
+        (
+            "planner.swarm",
+            PlannerError::Swarm(SwarmError::Parameter { name, given, allowed }).into(),
+        ),
+        (
+            "planner.negative_cost",
+            PlannerError::NegativeCost {
+                row: 0,
+                column: 1,
+                cost: -1.0,
+            }
+            .into(),
+        ),
+        ("planner.neighbours", PlannerError::Neighbours { given: 5 }.into()),
+        (
+            "planner.not_a_place",
+            PlannerError::NotAPlace {
+                name: "start",
+                x_m: f64::NAN,
+                y_m: 0.0,
+            }
+            .into(),
+        ),
+        ("planner.stopped", PlannerError::Stopped.into()),
+    ]
+}
+
+/// Names of every kind of error that the core knows.
+#[pyfunction]
+pub(crate) fn error_kinds() -> Vec<&'static str> {
+    samples().into_iter().map(|(name, _)| name).collect()
+}
+
+/// Raises the error with this name, so that tests can see what Python makes of it.
+#[pyfunction]
+pub(crate) fn raise_error(kind: &str) -> PyResult<()> {
+    match samples().into_iter().find(|(name, _)| *name == kind) {
+        Some((_, error)) => Err(error.into()),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,167 @@
+//! The planner.
+
+use numpy::PyReadonlyArray2;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use swathe::grid::{Cell, LayerView, Position};
+use swathe::planner::{Algorithm, Corners, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
+
+use crate::convert::{arc_kind, entry, geometry, method, position, swarm_params, values};
+use crate::error::{CoreError, invalid};
+use crate::nest::give;
+use crate::progress::PythonReport;
+use crate::region::Region;
+use crate::swarm::tally_dict;
+
+type Places = Option<(Vec<(usize, usize)>, f64)>;
+
+/// (cells, cost) of a cheapest way over costs per metre, or None.
+#[pyfunction]
+#[pyo3(signature = (costs, start, goal, cell_size_m, neighbours, algorithm, cut_corners, report))]
+#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
+pub(crate) fn shortest_path<'py>(
+    py: Python<'py>,
+    costs: PyReadonlyArray2<'py, f64>,
+    start: (usize, usize),
+    goal: (usize, usize),
+    cell_size_m: f64,
+    neighbours: u32,
+    algorithm: &str,
+    cut_corners: bool,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Places> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
+    let algorithm = match algorithm {
+        "auto" => Algorithm::Auto,
+        "dijkstra" => Algorithm::Dijkstra,
+        "astar" => Algorithm::AStar,
+        other => {
+            return Err(invalid(
+                format!("The method {other:?} is not known; known are auto, dijkstra, astar."),
+                "Choose one of them.",
+            ));
+        }
+    };
+    let corners = if cut_corners { Corners::Cut } else { Corners::Keep };
+    let data = values(&costs)?;
+    let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<Search, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        Ok(swathe::planner::shortest_path(
+            costs, start, goal, neighbours, corners, algorithm, &mut tell,
+        )?)
+    });
+    match told.settle(result.map_err(PyErr::from))? {
+        Search::Found { cells, cost } => Ok(Some((cells.iter().map(|cell| (cell.row, cell.column)).collect(), cost))),
+        Search::Unreachable => Ok(None),
+        Search::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+    }
+}
+
+/// Plans a route; the answer is a dictionary that `swathe.planner` wraps.
+#[pyfunction]
+#[pyo3(signature = (region, request, map_continues, report))]
+pub(crate) fn plan<'py>(
+    py: Python<'py>,
+    region: &Region,
+    request: &Bound<'py, PyDict>,
+    map_continues: bool,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let request = PlanRequest {
+        start: position(entry(request, "start")?),
+        goal: position(entry(request, "goal")?),
+        method: method(&entry::<String>(request, "method")?)?,
+        swarm: swarm_params(request)?,
+        arc: arc_kind(&entry::<String>(request, "arc")?, entry(request, "sagitta_m")?)?,
+        width_m: entry(request, "width_m")?,
+        bridge: entry(request, "bridge")?,
+        certify: entry(request, "certify")?,
+    };
+    let mut told = PythonReport::new(report);
+    let result = region.with(py, map_continues, |terrain, ranker, vehicle, params| {
+        let mut tell = |stage, done, total| {
+            let stage = match stage {
+                Stage::Corridor => "corridor",
+                Stage::Regions => "regions",
+                Stage::Route => "route",
+            };
+            told.tell(stage, done, total)
+        };
+        let plan = swathe::planner::plan(terrain, ranker, vehicle, params, &request, &mut tell)?;
+        Ok(plan)
+    });
+    answer(py, told.settle(result)?)
+}
+
+fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
+    let found = PyDict::new(py);
+    let place = |p: Position| (p.x_m, p.y_m);
+    match &plan.answer {
+        Ok(route) => {
+            found.set_item("status", Status::RouteFound.name())?;
+            found.set_item("total", facts(py, &route.total)?)?;
+            let legs: PyResult<Vec<_>> = route.legs.iter().map(|one| leg(py, one)).collect();
+            found.set_item("legs", PyList::new(py, legs?)?)?;
+        }
+        Err(refusal) => {
+            found.set_item("status", refusal.status.name())?;
+            found.set_item("reason", &refusal.reason)?;
+            found.set_item("place", refusal.place.map(place))?;
+            found.set_item("remedy", &refusal.remedy)?;
+        }
+    }
+    let path: Vec<(usize, usize)> = plan.path.iter().map(|cell| (cell.row, cell.column)).collect();
+    found.set_item("path", path)?;
+    found.set_item("path_cost", plan.path_cost)?;
+    found.set_item("cost_lower_bound", plan.cost_lower_bound)?;
+    found.set_item("optimal", plan.optimal)?;
+    found.set_item("start", plan.start.map(|(p, away_m)| (place(p), away_m)))?;
+    found.set_item("goal", plan.goal.map(|(p, away_m)| (place(p), away_m)))?;
+    found.set_item("cells_evaluated", plan.cells_evaluated)?;
+    if let Some(nests) = plan.nests {
+        let (labels, sizes) = give(py, nests)?;
+        found.set_item("labels", labels)?;
+        found.set_item("sizes", sizes)?;
+    }
+    if let Some(swarm) = plan.swarm {
+        found.set_item("swarm", tally_dict(py, swarm.tally)?)?;
+        found.set_item("widened", swarm.widened)?;
+    }
+    if let Some(corridor) = plan.corridor {
+        let arc: Vec<(f64, f64)> = corridor.arc().iter().copied().map(place).collect();
+        found.set_item("arc", arc)?;
+        found.set_item("width_m", corridor.width_m())?;
+        found.set_item("sagitta_m", corridor.sagitta_m())?;
+    }
+    Ok(found)
+}
+
+fn leg<'py>(py: Python<'py>, leg: &Leg) -> PyResult<Bound<'py, PyDict>> {
+    let found = facts(py, &leg.facts)?;
+    found.set_item("from", (leg.from.x_m, leg.from.y_m))?;
+    found.set_item("to", (leg.to.x_m, leg.to.y_m))?;
+    found.set_item("soil", leg.soil.name())?;
+    found.set_item("rank_min", leg.rank_min)?;
+    found.set_item("reason", &leg.reason)?;
+    Ok(found)
+}
+
+fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Bound<'py, PyDict>> {
+    let found = PyDict::new(py);
+    found.set_item("length_m", facts.length_m)?;
+    found.set_item("time_s", facts.time_s)?;
+    found.set_item("cost", facts.cost)?;
+    found.set_item("energy_j", facts.energy_j)?;
+    found.set_item("climb_m", facts.climb_m)?;
+    found.set_item("descent_m", facts.descent_m)?;
+    found.set_item("grade_max", facts.grade_max)?;
+    found.set_item("grade_min", facts.grade_min)?;
+    found.set_item("side_slope_max", facts.side_slope_max)?;
+    found.set_item("soil_m", facts.soil_m.to_vec())?;
+    found.set_item("bridged_m", facts.bridged_m)?;
+    Ok(found)
+}

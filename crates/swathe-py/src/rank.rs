@@ -1,0 +1,71 @@
+//! Ranks.
+
+use numpy::PyArray2;
+use pyo3::prelude::*;
+use swathe::grid::Cell;
+use swathe::rank::{CellSource, Reason};
+
+use crate::convert::{array, bands, rounding};
+use crate::error::CoreError;
+use crate::region::Region;
+
+/// (ranks, reason codes) of every cell.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "a pair of arrays")]
+pub(crate) fn rank_map<'py>(
+    py: Python<'py>,
+    region: &Region,
+) -> PyResult<(Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<u8>>)> {
+    let (ranks, reasons) = region.with(py, false, |_, ranker, _, _| {
+        let map = ranker.rank_all();
+        let cells = map.cells().data();
+        let ranks: Vec<u8> = cells.iter().map(|cell| cell.rank()).collect();
+        let reasons: Vec<u8> = cells.iter().map(|cell| cell.reason() as u8).collect();
+        Ok((ranks, reasons))
+    })?;
+    let geometry = region.geometry();
+    Ok((array(py, geometry, ranks)?, array(py, geometry, reasons)?))
+}
+
+/// (rank, reason code) of one cell, evaluated alone.
+#[pyfunction]
+pub(crate) fn rank_cell(py: Python<'_>, region: &Region, row: i64, column: i64) -> PyResult<(u8, u8)> {
+    let geometry = region.geometry();
+    let Some(Cell { row, column }) = geometry.checked(row, column) else {
+        let (rows, columns) = (geometry.rows(), geometry.columns());
+        let error = swathe::grid::GridError::OutsideGrid {
+            row,
+            column,
+            rows,
+            columns,
+        };
+        return Err(CoreError::from(error).into());
+    };
+    region.with(py, false, |_, ranker, _, _| {
+        let found = ranker.cell_rank(Cell::new(row, column));
+        Ok((found.rank(), found.reason() as u8))
+    })
+}
+
+/// Names of the reason codes in order.
+#[pyfunction]
+pub(crate) fn reasons() -> Vec<&'static str> {
+    Reason::ALL.map(Reason::name).to_vec()
+}
+
+/// Table I for one difference of grey levels.
+#[pyfunction]
+pub(crate) fn height_goodness(difference: f64, bands_name: &str, rounding_name: &str) -> PyResult<u8> {
+    Ok(swathe::rank::height_goodness(
+        difference,
+        bands(bands_name)?,
+        rounding(rounding_name)?,
+    ))
+}
+
+/// (weights, principal eigenvalue, consistency ratio) of a comparison matrix.
+#[pyfunction]
+pub(crate) fn ahp(matrix: Vec<Vec<f64>>, force: bool) -> PyResult<(Vec<f64>, f64, f64)> {
+    let found = swathe::rank::ahp(&matrix, force).map_err(CoreError::from)?;
+    Ok((found.weights, found.lambda_max, found.consistency_ratio))
+}

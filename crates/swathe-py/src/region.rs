@@ -1,0 +1,127 @@
+//! A region: the layers that are ranked and planned on, kept together.
+
+use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use swathe::grid::{GridError, GridGeometry, LayerView};
+use swathe::planner::Terrain;
+use swathe::rank::{RankParams, Ranker};
+
+use crate::convert::{Shape, geometry, rank_params, values};
+use crate::error::CoreError;
+use crate::vehicle::Vehicle;
+
+/// Elevation with optional soil, grey levels and zones on one geometry, with the vehicle and the rules that rank them.
+#[pyclass(frozen, module = "swathe._core")]
+pub(crate) struct Region {
+    geometry: GridGeometry,
+    elevation_m: Py<PyArray2<f32>>,
+    soil: Option<Py<PyArray2<u8>>>,
+    grey: Option<Py<PyArray2<f32>>>,
+    zones: Option<Py<PyArray2<bool>>>,
+    vehicle: Py<Vehicle>,
+    params: RankParams,
+}
+
+#[pymethods]
+impl Region {
+    #[new]
+    #[pyo3(signature = (shape, elevation_m, soil, grey, zones, vehicle, params))]
+    #[allow(clippy::too_many_arguments, reason = "one constructor, called from one place")]
+    fn new(
+        shape: Shape,
+        elevation_m: Bound<'_, PyArray2<f32>>,
+        soil: Option<Bound<'_, PyArray2<u8>>>,
+        grey: Option<Bound<'_, PyArray2<f32>>>,
+        zones: Option<Bound<'_, PyArray2<bool>>>,
+        vehicle: Py<Vehicle>,
+        params: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
+        let geometry = geometry(shape)?;
+        let expected = geometry.cell_count();
+        let layers = [
+            ("the elevation", Some(elevation_m.len())),
+            ("the soil layer", soil.as_ref().map(PyUntypedArrayMethods::len)),
+            ("the height map", grey.as_ref().map(PyUntypedArrayMethods::len)),
+            ("the zones", zones.as_ref().map(PyUntypedArrayMethods::len)),
+        ];
+        for (what, found) in layers {
+            if let Some(found) = found.filter(|&found| found != expected) {
+                let error = GridError::ShapeMismatch { what, expected, found };
+                return Err(CoreError::from(error).into());
+            }
+        }
+        Ok(Self {
+            geometry,
+            elevation_m: elevation_m.unbind(),
+            soil: soil.map(Bound::unbind),
+            grey: grey.map(Bound::unbind),
+            zones: zones.map(Bound::unbind),
+            vehicle,
+            params: rank_params(params)?,
+        })
+    }
+}
+
+impl Region {
+    pub(crate) fn geometry(&self) -> GridGeometry {
+        self.geometry
+    }
+
+    /// Calls `work` with the terrain and its ranker, without the interpreter.
+    pub(crate) fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        map_continues: bool,
+        work: impl FnOnce(Terrain, &Ranker, &swathe::vehicle::Vehicle, &RankParams) -> Result<T, CoreError> + Send,
+    ) -> PyResult<T> {
+        let read = |array: &Py<PyArray2<f32>>| array.bind(py).readonly();
+        let elevation_m: PyReadonlyArray2<f32> = read(&self.elevation_m);
+        let grey = self.grey.as_ref().map(read);
+        let soil = self.soil.as_ref().map(|soil| soil.bind(py).readonly());
+        let zones = self.zones.as_ref().map(|zones| zones.bind(py).readonly());
+        let elevation_m = values(&elevation_m)?;
+        let grey = grey.as_ref().map(values).transpose()?;
+        let soil = soil.as_ref().map(values).transpose()?;
+        let zones = zones.as_ref().map(values).transpose()?;
+        let (geometry, params, vehicle) = (self.geometry, self.params, &self.vehicle.get().inner);
+        let result = py.detach(move || {
+            let elevation_m = LayerView::new(geometry, elevation_m, "the elevation")?;
+            let soil = soil
+                .map(|soil| LayerView::new(geometry, soil, "the soil layer"))
+                .transpose()?;
+            let grey = grey
+                .map(|grey| LayerView::new(geometry, grey, "the height map"))
+                .transpose()?;
+            let zones = zones
+                .map(|zones| LayerView::new(geometry, zones, "the zones"))
+                .transpose()?;
+            let ranker = Ranker::new(elevation_m, soil, grey, zones, vehicle, params)?;
+            let terrain = Terrain {
+                elevation_m,
+                soil,
+                map_continues,
+            };
+            work(terrain, &ranker, vehicle, &params)
+        });
+        Ok(result?)
+    }
+}
+
+/// The core's default parameters, for the test that compares them with Python's.
+#[pyfunction]
+pub(crate) fn defaults(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let (rank, swarm) = (RankParams::default(), swathe::swarm::SwarmParams::default());
+    let found = PyDict::new(py);
+    found.set_item("moisture_percent", rank.moisture_percent)?;
+    found.set_item("paper_grade", rank.paper_grade)?;
+    found.set_item("agents", swarm.agents)?;
+    found.set_item("pellet_max", swarm.pellet_max)?;
+    found.set_item("teleport", swarm.teleport)?;
+    found.set_item("attract", swarm.attract)?;
+    found.set_item("seed", swarm.seed)?;
+    found.set_item("rank_min", swarm.nest.rank_min)?;
+    found.set_item("rank_min_literal", swathe::rank::RANK_MIN_LITERAL)?;
+    found.set_item("sagitta_share", swathe::corridor::SAGITTA_SHARE)?;
+    Ok(found)
+}

@@ -1,0 +1,185 @@
+"""Terrain that needs no files: ``bundled:jacksboro``, 30 km of ridges and valleys around Jacksboro, Tennessee.
+
+The elevation is the USGS model of the Jacksboro fault that the matplotlib wheel carries (344 x 403 cells of 3
+arc-seconds). The file gives its north and south edges with their names swapped; row 0 is the north edge. Nobody has
+mapped the soil of it for us: the soil is generated from the elevation by the rule in ``generate_soil`` and says so.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from affine import Affine
+
+from swathe.errors import MissingFileError
+from swathe.io.crs import WGS84, crs_from_wkt
+from swathe.io.sources import BUNDLED_PREFIX, Source
+from swathe.soil import SoilClass
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+BUNDLED = {"jacksboro": "jacksboro_fault_dem.npz"}
+# Three arc-seconds are 93 m north-south and 74 m east-west here; the map keeps the longer side.
+DEFAULT_CELL_SIZE_M = 90.0
+
+# The rule for the generated soil, tuned to look like a soil survey of ridge and valley country.
+POSITION_RADIUS_M = 900.0  # neighbourhood that says whether a place lies low or high
+CONVEXITY_RADIUS_M = 200.0
+CLAY_BELOW_M, CLAY_GRADE = -19.0, 0.15
+SILT_BELOW_M, SILT_GRADE = -5.0, 0.24
+ROCK_ABOVE_M, ROCK_GRADE = 5.0, 0.25
+GRAVEL_GRADE = 0.28
+NOISE_WAVELENGTHS_M = (1500.0, 600.0)
+NOISE_POSITION_M = 8.0  # how far noise moves the limits of low and high
+NOISE_GRADE = 0.08  # how far it moves the limits of grade
+TIDY_PASSES = 2
+
+
+def bundled_path(source: Source) -> Path:
+    """Return the file behind a ``bundled:`` name. Raises MissingFileError when there is none."""
+    name = source.path.removeprefix(BUNDLED_PREFIX)
+    if name not in BUNDLED:
+        raise MissingFileError(
+            f"There is no bundled terrain called {name!r}.",
+            f"Use {', '.join(BUNDLED_PREFIX + known for known in BUNDLED)}.",
+        )
+    # Looked up, not imported: matplotlib takes half a second that reading a file does not need.
+    spec = importlib.util.find_spec("matplotlib")
+    if spec is None or spec.origin is None:
+        raise MissingFileError(f"{source.name} comes with matplotlib, which is not installed.", "Install matplotlib.")
+    path = Path(spec.origin).parent / "mpl-data" / "sample_data" / BUNDLED[name]
+    if not path.is_file():
+        raise MissingFileError(
+            f"{source.name} is not in the installed matplotlib.", "Install matplotlib from its wheel."
+        )
+    return path
+
+
+class ArrayTile:
+    """A tile whose heights are in memory."""
+
+    is_picture = False
+
+    def __init__(self, source: Source, heights_m: NDArray[np.float32], transform: Affine, crs_wkt: str) -> None:
+        self.source = source
+        self.rows, self.columns = heights_m.shape
+        self.transform = transform
+        self.crs_wkt: str | None = crs_wkt
+        self._heights_m = heights_m
+
+    def read(self, row: int, column: int, rows: int, columns: int) -> NDArray[np.float32]:
+        """Return the heights of a block that lies inside, metres."""
+        return self._heights_m[row : row + rows, column : column + columns].copy()
+
+
+def bundled_elevation(source: Source) -> ArrayTile:
+    """Return the elevation of a bundled terrain, in degrees (WGS 84). Raises MissingFileError."""
+    with np.load(bundled_path(source)) as stored:
+        heights_m = stored["elevation"].astype(np.float32)
+        west = float(stored["xmin"])
+        north = max(float(stored["ymin"]), float(stored["ymax"]))
+        transform = Affine(float(stored["dx"]), 0.0, west, 0.0, -float(stored["dy"]), north)
+    return ArrayTile(source, heights_m, transform, crs_from_wkt(WGS84).to_wkt())
+
+
+def generate_soil(elevation_m: NDArray[np.float32], cell_size_m: float) -> NDArray[np.uint8]:
+    """Return a plausible soil class code for every cell of an elevation (unknown where that is unknown).
+
+    Valley floors hold silt, and clay nearest the valley line; flanks sand, and gravel where they steepen; steep convex
+    ground is rock. Smooth noise that depends on nothing but the cell's row and column keeps the limits from following
+    contour lines. No survey stands behind it.
+    """
+    known = ~np.isnan(elevation_m)
+    height_m = _box_mean(elevation_m.astype(np.float64), known, 1)
+    position_m = height_m - _box_mean(elevation_m.astype(np.float64), known, _cells(POSITION_RADIUS_M, cell_size_m))
+    convexity_m = height_m - _box_mean(elevation_m.astype(np.float64), known, _cells(CONVEXITY_RADIUS_M, cell_size_m))
+    north, east = np.gradient(np.where(np.isnan(height_m), 0.0, height_m), cell_size_m)
+    grade = np.hypot(north, east)
+    noise = np.mean([_noise(elevation_m.shape, length / cell_size_m) for length in NOISE_WAVELENGTHS_M], axis=0)
+    low_m = position_m + NOISE_POSITION_M * noise
+    steep = grade + NOISE_GRADE * noise
+
+    soil = np.full(elevation_m.shape, SoilClass.SAND, dtype=np.uint8)
+    soil[steep > GRAVEL_GRADE] = SoilClass.GRAVEL
+    soil[(convexity_m > ROCK_ABOVE_M) & (steep > ROCK_GRADE)] = SoilClass.ROCK
+    soil[(low_m < SILT_BELOW_M) & (grade < SILT_GRADE)] = SoilClass.SILT
+    soil[(low_m < CLAY_BELOW_M) & (grade < CLAY_GRADE)] = SoilClass.CLAY
+    for _ in range(TIDY_PASSES):
+        soil = _majority(soil)
+    soil[~known] = SoilClass.UNKNOWN
+    return soil
+
+
+@cache
+def bundled_soil(name: str) -> tuple[NDArray[np.uint8], Affine, str]:
+    """Return generated soil codes of a bundled terrain, where their cells lie, and in which system (WKT).
+
+    It is made once on the terrain's default lattice, so that soil does not depend on the window or cell size asked for.
+    """
+    from swathe.io.elevation import open_elevation
+
+    with open_elevation([name]) as source:
+        geometry = source.frame.geometry
+        soil = generate_soil(source.read(), geometry.cell_size_m)
+    transform = Affine(geometry.cell_size_m, 0, geometry.west_m, 0, -geometry.cell_size_m, geometry.north_m)
+    soil.setflags(write=False)
+    return soil, transform, str(source.frame.crs_wkt)
+
+
+def _cells(length_m: float, cell_size_m: float) -> int:
+    return max(1, round(length_m / cell_size_m))
+
+
+def _box_mean(values: NDArray[np.float64], known: NDArray[np.bool_], radius: int) -> NDArray[np.float64]:
+    """Return the mean of the known cells of a square around every cell; NaN where there are none."""
+    total = _box_sum(np.where(known, values, 0.0), radius)
+    count = _box_sum(known.astype(np.float64), radius)
+    return np.divide(total, count, out=np.full(values.shape, np.nan), where=count > 0.5)
+
+
+def _box_sum(values: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
+    for axis in (0, 1):
+        width = [(0, 0), (0, 0)]
+        width[axis] = (radius + 1, radius)
+        summed = np.cumsum(np.pad(values, width), axis=axis)
+        length = summed.shape[axis]
+        span = 2 * radius + 1
+        high = np.take(summed, range(span, length), axis=axis)
+        values = high - np.take(summed, range(length - span), axis=axis)
+    return values
+
+
+def _noise(shape: tuple[int, int], wavelength_cells: float) -> NDArray[np.float64]:
+    """Return smooth noise in -1..1: hashed values on a coarse lattice, blended between its corners."""
+    row, column = (np.arange(size) / wavelength_cells for size in shape)
+    top, left = np.floor(row).astype(np.uint64), np.floor(column).astype(np.uint64)
+    down, right = ((fraction - np.floor(fraction)) for fraction in (row, column))
+    down, right = (part * part * (3 - 2 * part) for part in (down, right))
+    one = np.uint64(1)
+    corners = [[_hashed(top + r, left + c) for c in (np.uint64(0), one)] for r in (np.uint64(0), one)]
+    upper = corners[0][0] * (1 - right) + corners[0][1] * right
+    lower = corners[1][0] * (1 - right) + corners[1][1] * right
+    noise: NDArray[np.float64] = upper * (1 - down[:, None]) + lower * down[:, None]
+    return noise
+
+
+def _hashed(rows: NDArray[np.uint64], columns: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """Return a value in -1..1 for every pair of a row and a column (the finaliser of SplitMix64)."""
+    state = rows[:, None] * np.uint64(0x9E3779B97F4A7C15) + columns[None, :] * np.uint64(0xD1B54A32D192ED03)
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    state ^= state >> np.uint64(31)
+    value: NDArray[np.float64] = (state >> np.uint64(11)).astype(np.float64) / float(1 << 52) - 1.0
+    return value
+
+
+def _majority(soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the class that most of the 3 x 3 cells around have; the cell's own decides a tie."""
+    counts = np.stack([_box_sum((soil == code).astype(np.float64), 1) + 0.5 * (soil == code) for code in SoilClass])
+    winner: NDArray[np.uint8] = np.argmax(counts, axis=0).astype(np.uint8)
+    return winner

@@ -1,0 +1,114 @@
+"""One self-contained HTML page about a run's folder: everything inlined, nothing loaded, no scripts."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swathe.errors import InputError, MissingFileError, UnreadableFileError
+from swathe.report.output import replacing
+from swathe.report.page import page
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """What a run left behind; parts that it did not write are empty or None."""
+
+    summary: dict[str, Any]
+    legs: tuple[dict[str, Any], ...] = ()
+    nests: tuple[dict[str, Any], ...] = ()
+    map_base64: str | None = None
+    profile_base64: str | None = None
+
+
+def write_html(folder: Path | str) -> Path:
+    """Write ``report.html`` into a run's folder from its summary, route, nests and pictures, and return its path.
+
+    Only ``summary.json`` must be there. The page is written in one step and holds no time of writing, so that equal
+    folders give equal pages.
+
+    Raises:
+        MissingFileError: the folder does not exist or holds no ``summary.json``.
+        UnreadableFileError: a file of the folder is broken.
+        OutputError: the page cannot be written.
+    """
+    root = Path(folder)
+    text = page(read_run_folder(root))
+    target = root / "report.html"
+    with replacing(target) as stream:
+        stream.write(text.encode("utf-8"))
+    return target
+
+
+def read_run_folder(folder: Path) -> RunFolder:
+    """Read a run's folder.
+
+    Raises:
+        MissingFileError, InputError, UnreadableFileError: as ``write_html``.
+    """
+    remedy = "Give a folder that a swathe command has written and completed."
+    try:
+        if not folder.exists():
+            raise MissingFileError(f"The folder {folder} does not exist.", remedy)
+        if not folder.is_dir():
+            raise InputError(f"{folder} is not a folder.", remedy)
+    except (OSError, ValueError) as error:
+        raise InputError(f"The folder {folder} cannot be read: {error}.", remedy) from error
+    summary = _read_json(folder / "summary.json")
+    if summary is None:
+        raise MissingFileError(f"The folder {folder} holds no summary.json, which marks a complete run.", remedy)
+    if not isinstance(summary, dict):
+        raise UnreadableFileError(f"{folder / 'summary.json'} is not a summary of a run.", remedy)
+    return RunFolder(
+        summary=summary,
+        legs=_properties(_read_json(folder / "route.geojson")),
+        nests=_properties(_read_json(folder / "nests.geojson")),
+        map_base64=_read_png(folder / "map.png"),
+        profile_base64=_read_png(folder / "profile.png"),
+    )
+
+
+def _read_bytes(path: Path) -> bytes | None:
+    """Return the content, or None where there is no such file."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise UnreadableFileError(
+            f"{path} cannot be read: {error.strerror or error}.", "Check the file and its permissions."
+        ) from error
+
+
+def _read_json(path: Path) -> object:
+    content = _read_bytes(path)
+    if content is None:
+        return None
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError) as error:  # a decoding error is a ValueError
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else error
+        raise UnreadableFileError(f"{path} is not valid JSON: {reason}.", "Run the command again.") from error
+
+
+def _properties(collection: object) -> tuple[dict[str, Any], ...]:
+    """Return the properties of each feature of a GeoJSON collection, in order."""
+    features = collection.get("features") if isinstance(collection, dict) else None
+    if not isinstance(features, list):
+        return ()
+    found = (feature.get("properties") for feature in features if isinstance(feature, dict))
+    return tuple(properties for properties in found if isinstance(properties, dict))
+
+
+def _read_png(path: Path) -> str | None:
+    content = _read_bytes(path)
+    if content is None:
+        return None
+    if not content.startswith(_PNG_SIGNATURE):
+        raise UnreadableFileError(f"{path} is not a PNG picture.", "Run the command again.")
+    return base64.b64encode(content).decode("ascii")

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import bench_route
+import harness
+import results
+import terrain_fields
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def sample(cpu_s: float, peak_bytes: int | None = None, facts: dict[str, float] | None = None) -> dict[str, Any]:
+    return harness.Sample(cpu_s, cpu_s, peak_bytes, facts or {}).as_dict()
+
+
+def run_file(name: str, ours_s: float, errors: list[str] | None = None) -> str:
+    record = {
+        "name": name,
+        "ours": "ours",
+        "peer": "theirs",
+        "must": 8,
+        "goal": 12,
+        "errors": errors or [],
+        "samples": {"ours": [sample(ours_s, 2_000_000)], "peer": [sample(1.0), sample(3.0), sample(2.0)]},
+    }
+    machine = {"processor": "abacus", "cores": 2}
+    return json.dumps({"commit": "c0ffee", "machine": machine, "benchmarks": [record]})
+
+
+def test_every_benchmark_names_both_sides_and_its_bars() -> None:
+    benchmarks = harness.load_benchmarks()
+    assert {"rank", "regions-4000", "route-1000", "route-2000"} <= set(benchmarks)
+    for benchmark in benchmarks.values():
+        assert 0 < benchmark.must <= benchmark.goal
+        assert benchmark.contender("ours").name != benchmark.contender("peer").name
+
+
+def test_a_sample_measures_the_job_and_not_its_preparation() -> None:
+    contender = harness.Contender(
+        "fill",
+        prepare=lambda: np.ones(60_000_000, np.uint8).sum(),
+        run=lambda _: np.ones(20_000_000, np.uint8),
+        facts=lambda _, made: {"bytes": made.nbytes},
+    )
+    measured = harness.measure(contender, repeats=3)
+    assert measured.facts == {"bytes": 20_000_000}
+    assert measured.cpu_s > 0
+    assert measured.wall_s > 0
+    if measured.peak_bytes is not None:
+        assert 15_000_000 < measured.peak_bytes < 40_000_000
+
+
+@pytest.mark.parametrize(
+    ("ours", "peer", "relative", "count"),
+    [
+        ({"cost": 1.0}, {"cost": 1.0}, 0.0, 0),
+        ({"cost": 1.0}, {"cost": 1.0 + 1e-9}, 1e-6, 0),
+        ({"cost": 1.0}, {"cost": 1.001}, 1e-6, 1),
+        ({"cost": 1.001}, {"cost": 1.0}, 1e-6, 1),
+        ({"cost": 1.0}, {}, 1e-6, 1),
+        ({"cost": 1.0}, {"cost": 2.0}, None, 0),
+    ],
+)
+def test_results_that_disagree_are_said(
+    ours: dict[str, float], peer: dict[str, float], relative: float | None, count: int
+) -> None:
+    samples = {"ours": [sample(1, facts=ours)], "peer": [sample(1, facts=peer)]}
+    assert len(results.disagreements(samples, relative)) == count
+
+
+def test_the_table_shows_the_newest_figures_of_each_job_and_marks_what_failed(tmp_path: Path) -> None:
+    (tmp_path / "1.json").write_text(run_file("route", 1.0), encoding="utf-8")
+    (tmp_path / "2.json").write_text(run_file("route", 0.5), encoding="utf-8")
+    (tmp_path / "3.json").write_text(run_file("rank", 0.5, ["results disagree on cost"]), encoding="utf-8")
+    text = results.table(tmp_path)
+    assert "| route | 0.5000 | 2.0000 | **4.00** | 8 | 12 | 2.0 | - |" in text
+    assert "| rank | 0.5000 | 2.0000 | failed |" in text
+    assert "- rank: results disagree on cost" in text
+
+
+def test_the_cost_of_a_path_is_metres_times_the_mean_of_both_cells() -> None:
+    costs = np.array([[1.0, 3.0], [5.0, 7.0]])
+    assert bench_route.path_cost(costs, [(0, 0), (0, 1), (1, 0)]) == pytest.approx(2 + 2**0.5 * 4)
+    with pytest.raises(ValueError, match="jumps or stands still"):
+        bench_route.path_cost(costs, [(0, 0), (0, 0)])
+
+
+def test_fields_are_the_same_every_time_and_hold_what_they_promise() -> None:
+    assert np.array_equal(terrain_fields.elevation(200), terrain_fields.elevation(200))
+    assert set(np.unique(terrain_fields.ranks(400))) == set(range(1, 11))
+    assert set(np.unique(terrain_fields.soil_codes(400))) <= set(range(6))
+    costs = terrain_fields.costs(400)
+    assert costs.min() >= 1
+    assert costs.max() <= 8
