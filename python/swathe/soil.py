@@ -275,3 +275,20 @@ def _longest(words: str, table: dict[str, SoilClass]) -> SoilClass | None:
 def _last(words: str, table: dict[str, SoilClass]) -> SoilClass | None:
     found = max(((words.rfind(phrase) + len(phrase), phrase) for phrase in table if phrase in words), default=None)
     return None if found is None else table[found[1]]
+
+
+def soil_goodness(soil_class: SoilClass, *, table: str = "text") -> int:
+    """Return the goodness 5 (best) to 1 of a class by the paper's ``text`` (silt 2) or its ``table2`` (silt 3)."""
+    from swathe import _core
+
+    return int(_core.soil_goodness(int(soil_class), table == "table2"))
+
+
+def rating_cone_index_kpa(soil_class: SoilClass, moisture_percent: float) -> float | None:
+    """Return the strength of a soil at a gravimetric moisture of 1 to 200 %, or None where it does not apply.
+
+    Source: FASST, ERDC/CRREL SR-04-1, pp. 70-71; gravel takes the cap of 300 psi.
+    """
+    from swathe import _core
+
+    return _core.rating_cone_index_kpa(int(soil_class), moisture_percent)

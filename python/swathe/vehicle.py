@@ -12,6 +12,7 @@ import difflib
 import math
 import tomllib
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,6 +22,8 @@ from swathe.errors import InvalidVehicleError, MissingFileError, UnreadableFileE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from swathe import _core
 
 _BUNDLED = Path(__file__).parent / "vehicles"
 _STANDARD_GRAVITY_MPS2 = 9.80665
@@ -139,6 +142,13 @@ class Vehicle(BaseModel):
     track_shoe_area_m2: Annotated[float, Field(gt=0, le=100)] | None = None
 
     sources: dict[str, str] = Field(default_factory=dict)
+
+    @cached_property
+    def core(self) -> _core.Vehicle:
+        """The vehicle as the core sees it."""
+        from swathe import _core
+
+        return _core.Vehicle(self.core_arguments())
 
     @property
     def circumscribed_radius_m(self) -> float:

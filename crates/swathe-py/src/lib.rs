@@ -12,6 +12,7 @@ mod planner;
 mod progress;
 mod rank;
 mod region;
+mod soil;
 mod swarm;
 mod terrain;
 mod vehicle;
@@ -28,6 +29,8 @@ mod _core {
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
     use crate::region::{Region, defaults};
+    #[pymodule_export]
+    use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
     use crate::swarm::run_swarm;
     #[pymodule_export]

@@ -139,10 +139,12 @@ def _box_mean(values: NDArray[np.float64], known: NDArray[np.bool_], radius: int
     """Return the mean of the known cells of a square around every cell; NaN where there are none."""
     total = _box_sum(np.where(known, values, 0.0), radius)
     count = _box_sum(known.astype(np.float64), radius)
-    return np.divide(total, count, out=np.full(values.shape, np.nan), where=count > 0.5)
+    mean: NDArray[np.float64] = np.divide(total, count, out=np.full(values.shape, np.nan), where=count > 0.5)
+    return mean
 
 
 def _box_sum(values: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
+    """Return the sum of a square of ``2 radius + 1`` cells around every cell; beyond the edge is 0."""
     for axis in (0, 1):
         width = [(0, 0), (0, 0)]
         width[axis] = (radius + 1, radius)

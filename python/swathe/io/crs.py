@@ -16,7 +16,7 @@ import pyproj
 from pyproj.crs import CRS, ProjectedCRS
 from pyproj.crs.coordinate_operation import PolarStereographicAConversion, TransverseMercatorConversion
 from pyproj.exceptions import ProjError
-from pyproj.network import set_network_enabled
+from pyproj.network import set_network_enabled  # type: ignore[attr-defined]  # documented, but not in its __all__
 
 from swathe.errors import InvalidCrsError, UsageError
 from swathe.grid import GridGeometry, Position, Window

@@ -42,8 +42,8 @@ KEPT_TILES = 64
 class ElevationSource:
     """Heights that can be read as a whole or window by window; a context manager.
 
-    ``frame`` is the lattice of the whole extent, ``source_crs_wkt`` the system of the files themselves (None in a
-    local frame), ``names`` the inputs as they may be shown, ``grey`` tells a picture from heights, ``warped`` whether
+    ``names`` are the inputs as they may be shown (``is_remote`` when any lies on a server), ``frame`` the lattice of the
+    whole extent, ``source_crs_wkt`` the system of the files themselves (None in a local frame), ``grey`` tells a picture from heights, ``warped`` whether
     cells are resampled, and ``native_cell_size_m`` the mean size of the files' own cells on the ground.
     """
 
@@ -56,6 +56,7 @@ class ElevationSource:
         self._mosaics = tuple(mosaics)
         self._pool = pool
         self.names = tuple(source.name for source in sources)
+        self.is_remote = any(source.is_remote for source in sources)
         self.frame = target.frame
         self.source_crs_wkt = mosaics[0].crs_wkt
         self.grey = grey

@@ -84,8 +84,8 @@ def _on_lattice(first: Tile, other: Tile) -> bool:
         return False
     if abs(one.e - two.e) * other.rows > LATTICE_TOLERANCE * abs(one.e):
         return False
-    column, row = ~one * (two.c, two.f)
-    return max(abs(column - round(column)), abs(row - round(row))) < LATTICE_TOLERANCE
+    column, row = ~one @ (two.c, two.f)
+    return bool(max(abs(column - round(column)), abs(row - round(row))) < LATTICE_TOLERANCE)
 
 
 def _offset(first: Tile, other: Tile) -> tuple[int, int]:

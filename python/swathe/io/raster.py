@@ -41,8 +41,8 @@ def write_raster(
 
     ``nodata``: the number that means unknown. ``colours``: red, green, blue, opacity (0..255) of values of a uint8
     layer. ``tags`` and ``description`` are kept in the file. Overviews take the nearest value of whole numbers, which
-    are classes, and the mean of floats. The file appears whole or not at all. Raises OutputError when it cannot be written,
-    ShapeMismatchError and InvalidParameterError for a layer that does not fit.
+    are classes, and the mean of floats. The file appears whole or not at all. Raises OutputError when it cannot be
+    written, ShapeMismatchError and InvalidParameterError for a layer that does not fit.
     """
     layer = _checked(array, frame, colours)
     target = Path(path)

@@ -112,7 +112,6 @@ def layer_of_values(
 
 def _bundled(source: str, frame: Frame) -> SoilLayer:
     from swathe.io.bundled import bundled_path, bundled_soil
-    from swathe.io.crs import Frame
     from swathe.io.soil_legend import Meaning
     from swathe.io.soil_raster import nearest
 

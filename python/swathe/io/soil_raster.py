@@ -9,7 +9,6 @@ import numpy as np
 from affine import Affine
 from rasterio.crs import CRS
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.warp import reproject
 from rasterio.windows import Window as RasterWindow
 
 from swathe.errors import MissingCrsError, NoOverlapError, SoilFieldError
@@ -17,6 +16,7 @@ from swathe.io.crs import Frame, crs_from_wkt, crs_name, horizontal, transformer
 from swathe.io.soil import SoilLayer, layer_of_values
 from swathe.io.soil_legend import Legend, Meaning, label_meaning, meaning_of, plain_value
 from swathe.io.tile import GDAL_ERRORS, declared_crs_wkt, gdal_settings, open_dataset, placed_transform
+from swathe.io.warp import warp_array
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,20 +70,16 @@ def nearest(codes: NDArray[Any], transform: Affine, crs_wkt: str | None, frame: 
     # In a local frame both sides are the same plane: any one system will do.
     target = CRS.from_wkt(frame.crs_wkt) if frame.crs_wkt is not None else CRS.from_epsg(32631)
     same = crs_wkt is None or crs_wkt == frame.crs_wkt
-    result = np.full(geometry.shape, outside, dtype=codes.dtype)
-    reproject(
+    return warp_array(
         codes,
-        result,
-        src_transform=transform,
-        src_crs=target if same else CRS.from_wkt(crs_wkt),
-        dst_transform=place,
-        dst_crs=target,
-        src_nodata=outside,
-        dst_nodata=outside,
+        transform,
+        target if same else CRS.from_wkt(crs_wkt),
+        outside,
+        place=place,
+        crs=target,
+        shape=geometry.shape,
         resampling=Resampling.nearest,
-        tolerance=0.0 if same else 0.01,
     )
-    return result
 
 
 def require_system(source: Source, frame: Frame, crs_wkt: str | None) -> None:

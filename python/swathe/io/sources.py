@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,6 +55,8 @@ class Source:
         """Return the plain error for what GDAL or OGR said when it could not read this source."""
         detail = str(error.__cause__ or error)
         if not self.is_remote:
+            if Path(self.path).is_file() and not os.access(self.path, os.R_OK):
+                return UnreadableFileError(f"{self.name} may not be read.", "Check its permissions.")
             return UnreadableFileError(
                 f"{self.name} cannot be read: it is damaged, cut short, or of an unknown format.",
                 "Check the file, or fetch it again.",

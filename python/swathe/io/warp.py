@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from affine import Affine
 from rasterio.crs import CRS
 from rasterio.enums import Resampling
-from rasterio.warp import reproject
+from rasterio.io import MemoryFile
+from rasterio.vrt import WarpedVRT
 
 from swathe.io.crs import crs_from_wkt, transformer_between
 
@@ -107,20 +108,17 @@ class Warp:
         if self._turns:  # GDAL's longitudes are within half a turn of Greenwich
             middle = source_place.c + source_place.a * width / 2
             source_place = Affine.translation(-TURN_DEG * round(middle / TURN_DEG), 0) @ source_place
-        result = np.full((rows, columns), np.nan, dtype=np.float32)
-        reproject(
+        resampling = Resampling.average if self.ratio >= AVERAGE_FROM_RATIO else Resampling.bilinear
+        heights[:] = warp_array(
             numbers,
-            result,
-            src_transform=source_place,
-            src_crs=self._source_crs,
-            src_nodata=np.nan,
-            dst_transform=place,
-            dst_crs=self._target_crs,
-            dst_nodata=np.nan,
-            resampling=Resampling.average if self.ratio >= AVERAGE_FROM_RATIO else Resampling.bilinear,
-            tolerance=COORDINATE_TOLERANCE,
+            source_place,
+            self._source_crs,
+            np.nan,
+            place=place,
+            crs=self._target_crs,
+            shape=(rows, columns),
+            resampling=resampling,
         )
-        heights[:] = result
 
     def _source_window(self, place: Affine, rows: int, columns: int) -> tuple[int, int, int, int] | None:
         """Return (row, column, rows, columns) of the source cells under a block, or None when there are none."""
@@ -158,6 +156,53 @@ class Warp:
                 inverse.a * x + inverse.b * y + inverse.c,
                 inverse.d * x + inverse.e * y + inverse.f,
             )
+
+
+def warp_array(
+    numbers: NDArray[Any],
+    source_place: Affine,
+    source_crs: CRS,
+    nodata: float,
+    *,
+    place: Affine,
+    crs: CRS,
+    shape: tuple[int, int],
+    resampling: Resampling,
+) -> NDArray[Any]:
+    """Return an array laid onto the cells of another; ``nodata`` is left out, and stands where nothing lies."""
+    rows, columns = numbers.shape
+    # The plain reprojection call of rasterio has a fixed tolerance; only a warped dataset lets it be chosen.
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff",
+            height=rows,
+            width=columns,
+            count=1,
+            dtype=numbers.dtype.name,
+            crs=source_crs,
+            transform=source_place,
+            nodata=nodata,
+        ) as dataset:
+            dataset.write(numbers, 1)
+        with (
+            memory.open() as dataset,
+            WarpedVRT(
+                dataset,
+                crs=crs,
+                transform=place,
+                height=shape[0],
+                width=shape[1],
+                resampling=resampling,
+                src_nodata=nodata,
+                nodata=nodata,
+                tolerance=COORDINATE_TOLERANCE,
+                # Left alone, GDAL widens the kernel by a ratio that it guesses anew for every block.
+                XSCALE=1,
+                YSCALE=1,
+            ) as warped,
+        ):
+            result: NDArray[Any] = warped.read(1)
+            return result
 
 
 def _extent(mosaic: Mosaic) -> tuple[float, float, float, float]:

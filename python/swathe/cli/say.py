@@ -1,0 +1,163 @@
+"""Words in and out: points and numbers from options, progress on stderr, answers on stdout."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from swathe.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_STAGES = {
+    "reading elevation": "Reading elevation",
+    "corridor": "Laying the arc",
+    "regions": "Termites at work",
+    "route": "Searching the route",
+    "writing": "Writing maps and report",
+}
+
+
+def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    """Return the numbers of an option such as ``8.5,47.1``.
+
+    Raises:
+        UsageError: there are more or fewer, or one is no number.
+    """
+    parts = text.replace(";", ",").split(",")
+    try:
+        values = tuple(float(part) for part in parts)
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise UsageError(
+            f"{option} {text!r} is not {count} numbers with commas between.",
+            f"Write for example {option}={','.join(str(n) for n in range(1, count + 1))}",
+        )
+    return values
+
+
+def pair(option: str, text: str) -> tuple[float, float]:
+    """Return a point such as ``-84.13,36.46``."""
+    x, y = numbers(option, text, 2)
+    return x, y
+
+
+@contextmanager
+def progress(*, quiet: bool) -> Iterator[Callable[[str, int, int], bool] | None]:
+    """Give a function that shows progress on stderr when that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def report(stage: str, done: int, total: int) -> bool:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(_STAGES.get(stage, stage), total=None)
+            bars.update(tasks[stage], completed=done, total=total or None)
+            return True
+
+        yield report
+
+
+def line(answer: dict[str, Any], text: str, *, as_json: bool) -> None:
+    """Print an answer as one JSON object or as text."""
+    from swathe.export.folder import finite
+
+    if as_json:
+        text = json.dumps(finite(answer), ensure_ascii=False, allow_nan=False)
+    sys.stdout.write(text + "\n")
+
+
+def result(summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print what came out of a run."""
+    line(summary, "\n".join(in_words(summary)), as_json=as_json)
+
+
+def in_words(summary: dict[str, Any]) -> list[str]:
+    """Return a run's answer as lines for people."""
+    from swathe.report import wording
+
+    lines = [wording.headline(summary) + "."]
+    if summary["command"] == "plan":
+        if summary["status"] == "route_found":
+            lines.append(
+                f"  climb {wording.length(summary['climb_m'])}, steepest grade {wording.percent(summary['max_grade'])}, "
+                f"side slope {wording.percent(summary['max_side_slope'])}, energy {wording.energy(summary['energy_j'])}"
+            )
+            share = summary["cells_evaluated"] / summary["cells_total"]
+            known = "the best of the whole map" if summary["optimal"] else "the best inside the swathe"
+            lines.append(f"  {known}; {wording.percent(share)} of the cells were looked at")
+        else:
+            lines += [f"  {summary[key]}" for key in ("reason", "where", "remedy") if summary[key]]
+        corridor = summary["corridor"]
+        if corridor and corridor["sagitta_m"] is not None:
+            sagitta, width = wording.length(corridor["sagitta_m"]), wording.length(corridor["width_m"])
+            lines.append(f"  arc with a sagitta of {sagitta}, swathe {width} wide")
+    if summary["command"] == "nests":
+        share = summary["nest_cells"] / summary["cells_total"]
+        lines.append(f"  {summary['nest_count']:,} nests cover {wording.percent(share)} of the map")
+        lines += _comparison(summary)
+    soil = summary.get("soil")
+    if soil:
+        lost = [entry["label"] or entry["value"] for entry in soil["entries"] if not entry["understood"]]
+        lines.append(f"  soil from {soil['source']} covers {wording.percent(soil['covered_fraction'])} of the map")
+        if lost:
+            lines.append(f"  soil labels not understood: {', '.join(lost[:8])} (explain them with --soil-legend)")
+    lines += [f"  note: {note}" for note in summary["notes"]]
+    lines.append(f"  report: {summary['outputs']['report']}")
+    return lines
+
+
+def _comparison(summary: dict[str, Any]) -> list[str]:
+    comparison = summary.get("comparison")
+    if not comparison:
+        return []
+    rows = [f"  {'':22}{'swarm':>14}{'exact':>14}"]
+    for name, key in (
+        ("nests", "nest_count"),
+        ("cells evaluated", "cells_evaluated"),
+        ("seconds", "seconds"),
+    ):
+        cells = [comparison[method][key] for method in ("swarm", "exact")]
+        shown = [f"{value:,.3f}" if isinstance(value, float) else f"{value:,}" for value in cells]
+        rows.append(f"  {name:22}{shown[0]:>14}{shown[1]:>14}")
+    rows.append(
+        f"  recall {summary['recall']:.4f}, recall of cores {summary['recall_cores']:.4f}, "
+        f"precision {summary['precision']:.4f}"
+    )
+    return rows
+
+
+def vehicles(name: str | None, *, as_json: bool) -> None:
+    """Print the list of vehicles, or one of them in full."""
+    from swathe.vehicle import load_vehicle, vehicle_names
+
+    if name is not None:
+        found = load_vehicle(name).as_dict()
+        lines = [f"{found['name']}: {found['description']}"]
+        lines += [
+            f"  {figure:28} {entry['value']!s:>10}  {entry['source'] or 'no source given'}"
+            for figure, entry in found["figures"].items()
+        ]
+        line({"status": "done", **found}, "\n".join(lines), as_json=as_json)
+        return
+    all_of_them = [load_vehicle(known) for known in vehicle_names()]
+    lines = [f"{'vehicle':18}{'mass':>10}{'speed':>10}{'up':>7}{'down':>7}{'side':>7}{'cone index':>12}"]
+    for vehicle in all_of_them:
+        strength_kpa = vehicle.core.cone_index()[0]
+        lines.append(
+            f"{vehicle.name:18}{vehicle.mass_kg:>7,.0f} kg{vehicle.max_speed_mps:>6.1f} m/s"
+            f"{vehicle.grade_up:>7.0%}{vehicle.grade_down:>7.0%}{vehicle.side_slope:>7.0%}{strength_kpa:>8.0f} kPa"
+        )
+    lines.append("Show one with its sources: swathe vehicles NAME. A file of your own works the same way.")
+    listed = [vehicle.as_dict() for vehicle in all_of_them]
+    line({"status": "done", "vehicles": listed}, "\n".join(lines), as_json=as_json)

@@ -1,0 +1,59 @@
+"""``swathe demo``: the story that the bundled terrain tells."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from swathe import mission
+from swathe.cli import say
+from swathe.report import wording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_BUNDLED = "bundled:jacksboro"
+
+#: name of the folder, what is tried, vehicle, start, goal, whether the soil map is used
+_CHAPTERS = (
+    ("tractor", "A farm tractor crosses the ridges", "tractor", (-84.1311, 36.4621), (-84.1872, 36.5762), True),
+    ("no-soil", "The same if soil is ignored", "tractor", (-84.1311, 36.4621), (-84.1872, 36.5762), False),
+    ("pickup", "A 4x4 on the same way", "pickup-4x4", (-84.1311, 36.4621), (-84.1872, 36.5762), True),
+    ("ridge-tractor", "The tractor at the ridge", "tractor", (-84.2026, 36.6236), (-84.190, 36.665), True),
+    ("ridge-pickup", "The 4x4 at the ridge", "pickup-4x4", (-84.2026, 36.6236), (-84.190, 36.665), True),
+)
+
+
+def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
+    """Plan every chapter into a folder of its own below ``out`` and end by naming the first one's report."""
+    from swathe.export.folder import require_ours_or_runs
+
+    require_ours_or_runs(out, tuple(chapter[0] for chapter in _CHAPTERS))
+    answers: list[dict[str, Any]] = []
+    if not (as_json or quiet):
+        sys.stdout.write("The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.\n")
+    for name, title, vehicle, start, goal, with_soil in _CHAPTERS:
+        terrain = mission.TerrainRequest(dem=(_BUNDLED,), soil=_BUNDLED if with_soil else None)
+        with say.progress(quiet=quiet or as_json) as report:
+            summary = mission.plan_route(
+                terrain, start, goal, mission.Settings(vehicle=vehicle), out / name, on_progress=report
+            )
+        answers.append({"chapter": name, "title": title, **summary})
+        if not as_json:
+            sys.stdout.write(f"\n{title}: {_in_short(summary)}\n")
+            sys.stdout.flush()
+    first = answers[0]["outputs"]["report"]
+    found = {"status": "done", "report": first, "chapters": answers}
+    say.line(found, f"\nEvery way has a report with its map; the tractor's is\n{first}", as_json=as_json)
+    return 0
+
+
+def _in_short(summary: dict[str, Any]) -> str:
+    if summary["status"] == "route_found":
+        straight = wording.length(summary["straight_m"])
+        took = summary["timings_s"].get("plan", 0.0)
+        return (
+            f"{wording.length(summary['length_m'])} in {wording.duration(summary['duration_s'])} "
+            f"({straight} straight), planned in {took:.2f} s."
+        )
+    return f"refused. {summary['reason']} {summary['remedy']}"

@@ -1,0 +1,3 @@
+"""What a run leaves behind: its folder, GeoJSON, and the summary."""
+
+from __future__ import annotations

@@ -1,0 +1,316 @@
+"""From nests to a route: search, shortcuts, certificate, and reasons when there is no way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from swathe import _core
+from swathe.corridor import Corridor, CorridorParams
+from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
+from swathe.grid import Cell, Position
+from swathe.nest import NestParams, Nests
+from swathe.swarm import SwarmParams, Tally, tally
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from swathe.rank import Region
+
+Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A cheapest way over cells: its cells from start to goal, its cost and its length in metres."""
+
+    cells: list[Cell]
+    cost: float
+    length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoRoute:
+    """No way; falsy. ``status`` is ``no_route``, ``start_blocked`` or ``goal_blocked``, ``reason`` one sentence."""
+
+    status: Status
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Return False, so that ``if path:`` reads well."""
+        return False
+
+
+def shortest_path(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    neighbours: int = 8,
+    method: Literal["auto", "astar", "dijkstra"] = "auto",
+    corners: Literal["keep", "cut"] = "keep",
+) -> Path | NoRoute:
+    """Return a cheapest way over cells from ``start`` to ``goal``, both (row, column).
+
+    Args:
+        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+        start: row and column of the first cell.
+        goal: row and column of the last cell.
+        cell_size_m: side of a cell.
+        neighbours: 8 or 16 directions.
+        method: ``auto``, ``astar`` or ``dijkstra``; the cost is the same.
+        corners: ``keep`` lets no step pass a closed cell at a corner; ``cut`` allows it, for comparison with peers.
+
+    An edge costs its metres times the length-weighted mean of the cells that it crosses (with 8 neighbours the mean of
+    both ends).
+
+    >>> import numpy as np
+    >>> shortest_path(np.ones((3, 4), dtype=bool), (0, 0), (0, 3)).cost
+    3.0
+
+    Raises:
+        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
+    """
+    costs = _costs(cells)
+    if neighbours not in (8, 16):
+        raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
+    if corners not in ("keep", "cut"):
+        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    ends = {"start": _cell(start, costs.shape), "goal": _cell(goal, costs.shape)}
+    for name, cell in ends.items():
+        if not math.isfinite(costs[cell]):
+            status: Status = "start_blocked" if name == "start" else "goal_blocked"
+            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
+    found = _core.shortest_path(
+        costs, ends["start"], ends["goal"], cell_size_m, neighbours, method, corners == "cut", None
+    )
+    if found is None:
+        return NoRoute("no_route", "Closed cells separate start and goal.")
+    way, cost = found
+    steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
+    length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m) if len(way) > 1 else 0.0
+    return Path([Cell(*cell) for cell in way], cost, length_m)
+
+
+def _costs(cells: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(cells)
+    if array.ndim != 2 or array.size == 0:
+        raise ShapeMismatchError(f"The cells have the shape {array.shape}.", "Give an array of rows and columns.")
+    if array.dtype == np.bool_:
+        return np.where(array, 1.0, np.inf)
+    try:
+        return np.ascontiguousarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidParameterError("The cells do not hold numbers.", "Give costs per metre or booleans.") from error
+
+
+def _cell(cell: tuple[int, int], shape: tuple[int, ...]) -> Cell:
+    row, column = (int(value) for value in cell)
+    if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+        raise OutsideGridError(
+            f"Cell ({row}, {column}) lies outside {shape[0]} rows and {shape[1]} columns.",
+            "Rows and columns count from 0 at the north-west.",
+        )
+    return Cell(row, column)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A straight part of a route. Grades are rise over run; ``grade_min`` is the steepest way down."""
+
+    start: Position
+    end: Position
+    length_m: float
+    time_s: float
+    cost: float
+    energy_j: float
+    climb_m: float
+    descent_m: float
+    grade_max: float
+    grade_min: float
+    side_slope_max: float
+    bridged_m: float
+    soil: str
+    rank_min: int
+    reason: str
+
+    @property
+    def speed_mps(self) -> float:
+        """Mean speed."""
+        return self.length_m / self.time_s
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A way that the vehicle can drive: its legs in order, none when start and goal are the same place."""
+
+    legs: tuple[Leg, ...]
+    length_m: float
+    time_s: float
+    cost: float
+    energy_j: float
+    climb_m: float
+    descent_m: float
+    grade_max: float
+    grade_min: float
+    side_slope_max: float
+    bridged_m: float
+
+    @property
+    def xy_m(self) -> NDArray[np.float64]:
+        """The vertices, (n, 2) map metres."""
+        points = [leg.start for leg in self.legs[:1]] + [leg.end for leg in self.legs]
+        return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The planner's answer.
+
+    Attributes:
+        status: ``route_found`` or the kind of refusal.
+        route: the route, None in a refusal.
+        reason: why there is none, in one sentence.
+        place: where.
+        remedy: the nearest thing that would change it.
+        path: cells of the way before shortcuts.
+        path_cost: its cost in seconds.
+        cost_lower_bound: no way from start to goal costs less.
+        optimal: whether the way is known to be the best of the whole map.
+        start: where the route starts and how far that is from the place asked for, in metres.
+        goal: the same for the goal.
+        nests: the nests that were found.
+        corridor: arc and swathe (swarm only).
+        swarm: what the swarm did (swarm only).
+        cells_evaluated: cells whose rank was asked for.
+    """
+
+    status: Status
+    route: Route | None
+    reason: str | None
+    place: Position | None
+    remedy: str | None
+    path: list[Cell]
+    path_cost: float | None
+    cost_lower_bound: float | None
+    optimal: bool
+    start: tuple[Position, float] | None
+    goal: tuple[Position, float] | None
+    nests: Nests | None
+    corridor: Corridor | None
+    swarm: Tally | None
+    cells_evaluated: int
+
+
+def plan(
+    region: Region,
+    start: Position,
+    goal: Position,
+    *,
+    method: Literal["swarm", "exact"] = "swarm",
+    swarm: SwarmParams | None = None,
+    corridor: CorridorParams | None = None,
+    bridge: bool = False,
+    certify: bool = False,
+    map_continues: bool = False,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> Plan:
+    """Plan a route over a region.
+
+    Args:
+        region: the ground, the vehicle and the rules.
+        start: where the vehicle is, in the map frame.
+        goal: where it should go.
+        method: ``swarm`` in a swathe around an arc, or ``exact`` over the whole map.
+        swarm: the swarm's parameters; its nest parameters hold for ``exact`` too.
+        corridor: arc and width of the swathe.
+        bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
+        certify: whether the swathe is widened until the way is known to be the best of the whole map.
+        map_continues: whether there is more map beyond the region, which limits what can be certified.
+        on_progress: called with stage, work done and work expected; returning False stops with an error.
+
+    Raises:
+        UsageError: a parameter is outside its range.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    swarm = swarm or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
+    corridor = corridor or CorridorParams()
+    request = {
+        **swarm.core_arguments(),
+        "start": tuple(start),
+        "goal": tuple(goal),
+        "method": method,
+        "arc": corridor.arc,
+        "sagitta_m": corridor.sagitta_m,
+        "width_m": corridor.width_m,
+        "bridge": bridge,
+        "certify": certify,
+    }
+    return _plan(_core.plan(region.core, request, map_continues, on_progress))
+
+
+def _plan(found: dict[str, Any]) -> Plan:
+    route = _route(found["total"], found["legs"]) if found["status"] == "route_found" else None
+    nests = corridor = None
+    if "labels" in found:
+        nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
+    if "arc" in found:
+        arc = np.asarray(found["arc"], dtype=np.float64)
+        corridor = Corridor(arc, found["width_m"], found["sagitta_m"], found["widened"])
+    place = found.get("place")
+    return Plan(
+        status=found["status"],
+        route=route,
+        reason=found.get("reason"),
+        place=None if place is None else Position(*place),
+        remedy=found.get("remedy"),
+        path=[Cell(*cell) for cell in found["path"]],
+        path_cost=found["path_cost"],
+        cost_lower_bound=found["cost_lower_bound"],
+        optimal=found["optimal"],
+        start=_end(found["start"]),
+        goal=_end(found["goal"]),
+        nests=nests,
+        corridor=corridor,
+        swarm=tally(found["swarm"]) if "swarm" in found else None,
+        cells_evaluated=found["cells_evaluated"],
+    )
+
+
+def _end(found: tuple[tuple[float, float], float] | None) -> tuple[Position, float] | None:
+    return None if found is None else (Position(*found[0]), found[1])
+
+
+_SUMS = (
+    "length_m",
+    "time_s",
+    "cost",
+    "energy_j",
+    "climb_m",
+    "descent_m",
+    "grade_max",
+    "grade_min",
+    "side_slope_max",
+    "bridged_m",
+)
+
+
+def _route(total: dict[str, Any], legs: list[dict[str, Any]]) -> Route:
+    parts = tuple(
+        Leg(
+            start=Position(*leg["from"]),
+            end=Position(*leg["to"]),
+            soil=leg["soil"],
+            rank_min=leg["rank_min"],
+            reason=leg["reason"],
+            **{name: leg[name] for name in _SUMS},
+        )
+        for leg in legs
+    )
+    return Route(parts, **{name: total[name] for name in _SUMS})
