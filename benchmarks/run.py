@@ -44,8 +44,8 @@ def main(arguments: list[str]) -> int:
     unknown = [name for name in chosen.names if name not in benchmarks]
     if unknown or chosen.rounds < 1:
         parser.error(f"Known benchmarks: {', '.join(benchmarks)}. Rounds: at least 1.")
-    records = [run_benchmark(benchmarks[name], chosen.rounds) for name in chosen.names or benchmarks]
     started = datetime.now(UTC)
+    records = [run_benchmark(benchmarks[name], chosen.rounds) for name in chosen.names or benchmarks]
     run = {"date": started.isoformat(timespec="seconds"), **surroundings(arguments), "benchmarks": records}
     runs = harness.FOLDER / "runs"
     runs.mkdir(exist_ok=True)

@@ -19,12 +19,14 @@ if TYPE_CHECKING:
 UTM16 = "EPSG:32616"
 # A plane and a wave: no two cells alike, smooth enough to be resampled.
 WEST, NORTH, CELL = 740_000.0, 4_050_000.0, 30.0
+PLACE = Affine(CELL, 0, WEST, 0, -CELL, NORTH)
 
 
 def hills(rows: int, columns: int) -> NDArray[np.float32]:
     """Return heights between 300 and 700 m."""
     row, column = np.mgrid[0:rows, 0:columns]
-    return (500 + 150 * np.sin(row / 17) * np.cos(column / 23) + 0.1 * row + 0.05 * column).astype(np.float32)
+    heights = 500 + 150 * np.sin(row / 17) * np.cos(column / 23) + 0.1 * row + 0.05 * column
+    return np.asarray(heights, dtype=np.float32)
 
 
 def write(
@@ -32,8 +34,8 @@ def write(
     bands: NDArray[Any],
     *,
     crs: str | None = UTM16,
-    transform: Affine | None = Affine(CELL, 0, WEST, 0, -CELL, NORTH),
-    prepare: Callable[[Any], None] = lambda dataset: None,
+    transform: Affine | None = PLACE,
+    prepare: Callable[[Any], None] | None = None,
     **options: Any,
 ) -> Path:
     """Write one band (2-D) or several (3-D) to a file and return its path."""
@@ -53,5 +55,6 @@ def write(
             **options,
         ) as dataset:
             dataset.write(stack)
-            prepare(dataset)
+            if prepare is not None:
+                prepare(dataset)
     return path

@@ -7,6 +7,7 @@ import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyproj.network import is_network_enabled  # type: ignore[attr-defined]  # documented, not in its __all__
 
 from swathe.errors import InvalidCrsError, UsageError
 from swathe.grid import GridGeometry, Position, Window
@@ -121,4 +122,4 @@ def test_a_window_stays_on_the_lattice() -> None:
 
 
 def test_projections_never_use_the_network() -> None:
-    assert not pyproj.network.is_network_enabled()
+    assert not is_network_enabled()

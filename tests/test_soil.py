@@ -179,7 +179,7 @@ def test_a_report_says_what_was_read_as_what() -> None:
         "covered_fraction": 0.5,
         "disputed_cells": 3,
         "entries": [
-            {"value": "1", "label": "clay and loess", "class": "clay", "understood": True, "cells": 12345},
-            {"value": "9", "label": "Urban land", "class": "unknown", "understood": False, "cells": 7},
+            {"value": "1", "label": "clay and loess", "soil_class": "clay", "understood": True, "cells": 12345},
+            {"value": "9", "label": "Urban land", "soil_class": "unknown", "understood": False, "cells": 7},
         ],
     }

@@ -25,6 +25,7 @@ from swathe.io.elevation import open_elevation, require_known
 from swathe.io.memory import require_memory
 from swathe.io.raster import write_raster
 from swathe.io.soil import read_soil
+from swathe.io.sources import single
 from swathe.nest import NestParams
 from swathe.rank import RankParams, Region
 from swathe.report.palette import rank_colour_table
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     from swathe.io.crs import Frame
     from swathe.io.elevation import ElevationSource
+    from swathe.io.sources import Source
     from swathe.planner import Plan
     from swathe.soil import SoilReport
     from swathe.vehicle import Vehicle
@@ -143,6 +145,7 @@ class Ground:
     frame: Frame
     source: ElevationSource
     soil: SoilReport | None
+    soil_source: Source | None
     notes: tuple[str, ...]
     is_whole: bool
 
@@ -404,7 +407,8 @@ def _prepare(
         soil_report, codes = layer.report, layer.codes
     region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
     notes += _notes(region, source, soil_report)
-    return Ground(region, frame, source, soil_report, tuple(notes), window == whole)
+    soil_source = None if terrain.soil is None else single(terrain.soil)
+    return Ground(region, frame, source, soil_report, soil_source, tuple(notes), window == whole)
 
 
 def _averaged(
@@ -486,11 +490,8 @@ def _summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]
 
 def _inputs(ground: Ground) -> list[dict[str, str]]:
     inputs = [{"name": name, "sha256": digest} for name, digest in ground.source.fingerprint().items()]
-    if ground.soil is not None:
-        from swathe.io.sources import single
-
-        source = single(ground.soil.source) if "generated" not in ground.soil.source else None
-        inputs.append({"name": ground.soil.source, "sha256": source.fingerprint() if source else "generated"})
+    if ground.soil_source is not None:
+        inputs.append({"name": ground.soil_source.name, "sha256": ground.soil_source.fingerprint()})
     return inputs
 
 

@@ -79,7 +79,7 @@ class SoilReport:
                 {
                     "value": entry.value,
                     "label": entry.label,
-                    "class": entry.soil_class.name.lower(),
+                    "soil_class": entry.soil_class.name.lower(),
                     "understood": entry.understood,
                     "cells": entry.cells,
                 }

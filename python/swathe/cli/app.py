@@ -14,7 +14,6 @@ app = typer.Typer(
     name="swathe",
     help="Plan routes for ground vehicles where there is no road.\n\n"
     "Start with `swathe demo`. Every command has examples under `--help`.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -86,7 +85,7 @@ Arc = Annotated[
     typer.Option("--arc", help="How the arc is laid. [default: spine; circle in the paper's profiles]"),
 ]
 Sagitta = Annotated[float | None, typer.Option("--sagitta", help="Height of the circular arc over its chord, metres.")]
-Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe in metres. [default: 1/4 of the way]")]
+Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe, metres. [default: 1/4 of the way]")]
 SoilTable = Annotated[
     Literal["text", "table2"], typer.Option("--soil-table", help="Goodness of silt: the paper's text 2, its table 3.")
 ]
@@ -130,8 +129,8 @@ def _root(
 def demo(out: Out = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:  # noqa: ARG001
     """Plan on bundled real terrain and tell the story.
 
-    A farm tractor and a 4x4 cross the hills at the Jacksboro fault (USGS elevation, soil generated from it by rule): the
-    tractor goes a long way round, the 4x4 nearly straight, and at a ridge the tractor is refused with a reason.
+    A farm tractor and a 4x4 cross the hills at the Jacksboro fault (USGS elevation, soil generated from it by rule):
+    the tractor goes a long way round, the 4x4 nearly straight, and at a ridge the tractor is refused with a reason.
 
     Example:
 
@@ -144,6 +143,7 @@ def demo(out: Out = None, json: Json = False, quiet: Quiet = False, debug: Debug
 
 @app.command()
 def plan(
+    *,
     dem: Dem,
     start: Annotated[str, typer.Option("--start", help="LON,LAT where the vehicle is.")],
     goal: Annotated[str, typer.Option("--goal", help="LON,LAT where it should go.")],
@@ -201,7 +201,18 @@ def plan(
     from swathe import mission
     from swathe.cli import say
 
-    terrain = _terrain(dem, soil, soil_field, soil_legend, cell_size, height_range, crs, points_crs, bounds, memory_limit)
+    terrain = _terrain(
+        dem=dem,
+        soil=soil,
+        soil_field=soil_field,
+        soil_legend=soil_legend,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=points_crs,
+        bounds=bounds,
+        memory_limit=memory_limit,
+    )
     settings = _settings(
         vehicle=vehicle, method=method, profile=profile, moisture=moisture, unknown_soil=unknown_soil, agents=agents,
         pellets=pellets, seed=seed, threads=threads, arc=arc, sagitta=sagitta, width=width, bridge=bridge,
@@ -217,6 +228,7 @@ def plan(
 
 @app.command()
 def nests(
+    *,
     dem: Dem,
     soil: Soil = None,
     soil_field: SoilField = None,
@@ -260,7 +272,18 @@ def nests(
     from swathe import mission
     from swathe.cli import say
 
-    terrain = _terrain(dem, soil, soil_field, soil_legend, cell_size, height_range, crs, points_crs, bounds, memory_limit)
+    terrain = _terrain(
+        dem=dem,
+        soil=soil,
+        soil_field=soil_field,
+        soil_legend=soil_legend,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=points_crs,
+        bounds=bounds,
+        memory_limit=memory_limit,
+    )
     settings = _settings(
         vehicle=vehicle, method=method, profile=profile, moisture=moisture, unknown_soil=unknown_soil, agents=agents,
         pellets=pellets, seed=seed, threads=threads, soil_table=soil_table, combine=combine, weights=weights,
@@ -327,6 +350,7 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
 
 
 def _terrain(
+    *,
     dem: list[str],
     soil: str | None,
     soil_field: str | None,

@@ -90,7 +90,8 @@ def in_words(summary: dict[str, Any]) -> list[str]:
     if summary["command"] == "plan":
         if summary["status"] == "route_found":
             lines.append(
-                f"  climb {wording.length(summary['climb_m'])}, steepest grade {wording.percent(summary['max_grade'])}, "
+                f"  climb {wording.length(summary['climb_m'])}, "
+                f"steepest grade {wording.percent(summary['max_grade'])}, "
                 f"side slope {wording.percent(summary['max_side_slope'])}, energy {wording.energy(summary['energy_j'])}"
             )
             share = summary["cells_evaluated"] / summary["cells_total"]

@@ -42,9 +42,10 @@ KEPT_TILES = 64
 class ElevationSource:
     """Heights that can be read as a whole or window by window; a context manager.
 
-    ``names`` are the inputs as they may be shown (``is_remote`` when any lies on a server), ``frame`` the lattice of the
-    whole extent, ``source_crs_wkt`` the system of the files themselves (None in a local frame), ``grey`` tells a picture from heights, ``warped`` whether
-    cells are resampled, and ``native_cell_size_m`` the mean size of the files' own cells on the ground.
+    ``names`` are the inputs as they may be shown (``is_remote`` when any lies on a server), ``frame`` the lattice of
+    the whole extent, ``source_crs_wkt`` the system of the files themselves (None in a local frame), ``grey`` tells a
+    picture from heights, ``warped`` whether cells are resampled, and ``native_cell_size_m`` the mean size of the files'
+    own cells on the ground.
     """
 
     tile_size = TILE_SIZE

@@ -289,7 +289,7 @@ def _notes(value: object) -> str:
 
 
 def _making(summary: dict[str, Any]) -> str:
-    """Return how the answer came about: method, ground, swarm, inputs, timings, files and the vehicle's figures."""
+    """Return how the answer came about: method, ground, swarm, inputs, files and the vehicle's figures."""
     facts: list[tuple[str, str]] = []
 
     def add(name: str, shown: str) -> None:
@@ -311,8 +311,6 @@ def _making(summary: dict[str, Any]) -> str:
         add(name, _text(wording.length(moved)) if moved else "")
     inputs = [given for given in _list(summary.get("inputs")) if isinstance(given, dict)]
     add("Inputs", "<br>".join(_input(given) for given in inputs))
-    timings = _dict(summary.get("timings_s"))
-    add("Computing time", ", ".join(f"{_text(k.replace('_', ' '))} {wording.duration(v)}" for k, v in timings.items()))
     add("Files", ", ".join(_link(name, path) for name, path in _dict(summary.get("outputs")).items()))
     add("Version", _text(summary["version"]) if summary.get("version") else "")
     listed = "".join(f"<dt>{_text(name)}</dt><dd>{shown}</dd>" for name, shown in facts)

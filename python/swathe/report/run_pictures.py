@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swathe.grid import GridGeometry, Window
 from swathe.report import wording
 from swathe.report.map import MapPicture, draw_map
 from swathe.report.profile import draw_profile
@@ -44,12 +45,15 @@ def draw(
     ends = (None, None)
     if plan is not None:
         ends = tuple((summary[name]["x_m"], summary[name]["y_m"]) for name in ("start", "goal"))
+    swathe = None if corridor is None else corridor.cells(region.geometry)
+    view = _view(region.geometry, swathe)
+    shown = (slice(view.row, view.row + view.rows), slice(view.column, view.column + view.columns))
     picture = MapPicture(
-        geometry=region.geometry,
-        elevation_m=region.elevation_m,
-        rank=ranks,
+        geometry=region.geometry.window(*view),
+        elevation_m=region.elevation_m[shown],
+        rank=ranks[shown],
         nest_rings=[ring for outline in outlines for ring in (outline.exterior, *outline.holes)],
-        swathe=None if corridor is None else corridor.cells(region.geometry),
+        swathe=None if swathe is None else swathe[shown],
         arc_xy_m=None if corridor is None else corridor.arc_xy_m,
         route_xy_m=None if plan is None or plan.route is None else plan.route.xy_m,
         start_xy_m=ends[0],
@@ -63,6 +67,26 @@ def draw(
     draw_map(folder / "map.png", picture, metadata=metadata)
     if plan is not None and plan.route is not None and plan.route.legs:
         _profile(folder / "profile.png", region, plan.route, summary, metadata)
+
+
+def _view(geometry: GridGeometry, swathe: NDArray[np.bool_] | None) -> Window:
+    """Return the part of the map to show: the swathe with a margin, in the map's own proportions where it can be."""
+    rows, columns = geometry.shape
+    if swathe is None or not swathe.any():
+        return Window(0, 0, rows, columns)
+    bounds = []
+    for axis, size in ((1, rows), (0, columns)):
+        inside = np.flatnonzero(swathe.any(axis=axis))
+        bounds.append((int(inside[0]), int(inside[-1]) + 1, size))
+    longest = max(high - low for low, high, _ in bounds)
+    starts, sizes = [], []
+    for low, high, size in bounds:
+        # A little context around the swathe, and a picture that is not a thin strip.
+        wanted = min(size, max(int(1.15 * (high - low)) + 8, int(0.75 * longest)))
+        start = min(max(0, (low + high - wanted) // 2), size - wanted)
+        starts.append(start)
+        sizes.append(wanted)
+    return Window(starts[0], starts[1], sizes[0], sizes[1])
 
 
 def _subtitle(region: Region, summary: Mapping[str, Any]) -> str:

@@ -189,7 +189,7 @@ pub(super) fn disconnected(
     };
     let steep = match slope_at(cell) {
         Some(slope) if matches!(found.reason(), Reason::Grade | Reason::SideSlope) => {
-            format!(" of up to {:.0} %", slope * 100.0)
+            format!(" (up to {:.0} %)", slope * 100.0)
         }
         _ => String::new(),
     };
