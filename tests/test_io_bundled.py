@@ -96,7 +96,7 @@ def test_the_rule_works_at_other_cell_sizes_and_on_voids() -> None:
     valley[:5] = np.nan
     soil = generate_soil(valley, 30.0)
     assert np.all(soil[:5] == SoilClass.UNKNOWN)
-    assert np.mean(np.isin(soil[10:, 58:63], (SoilClass.SILT, SoilClass.CLAY))) > 0.8
+    assert np.mean(np.isin(soil[10:, 59:62], (SoilClass.SILT, SoilClass.CLAY))) > 0.8
     assert np.mean(np.isin(soil[10:, 20:30], (SoilClass.SAND, SoilClass.GRAVEL))) > 0.8
     assert np.all(generate_soil(np.full((10, 10), np.nan, np.float32), 30.0) == SoilClass.UNKNOWN)
 

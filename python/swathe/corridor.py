@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -45,7 +46,7 @@ class Corridor:
         rows = geometry.north_m - (np.arange(geometry.rows) + 0.5) * geometry.cell_size_m
         half_m = self.width_m / 2
         points = self.arc_xy_m if len(self.arc_xy_m) > 1 else np.repeat(self.arc_xy_m, 2, axis=0)
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in itertools.pairwise(points):
             # Only the box around a segment can hold cells within reach of it.
             low, high = np.minimum(a, b) - half_m, np.maximum(a, b) + half_m
             wide = slice(*np.searchsorted(columns, (low[0], high[0])))

@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from swathe.errors import InvalidParameterError
+import numpy as np
+
+from swathe.errors import InvalidParameterError, ShapeMismatchError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 
 class Cell(NamedTuple):
@@ -105,3 +110,22 @@ class Window(NamedTuple):
     column: int
     rows: int
     columns: int
+
+
+def as_codes(layer: ArrayLike, name: str) -> NDArray[np.uint8]:
+    """Return a layer of codes, whole numbers from 0 to 255, as a contiguous uint8 array of two dimensions.
+
+    Raises:
+        ShapeMismatchError: the layer does not have two dimensions or has no cells.
+        InvalidParameterError: it holds anything else; a plain cast would turn 262 into 6.
+    """
+    array = np.asarray(layer)
+    if array.ndim != 2 or array.size == 0:
+        raise ShapeMismatchError(
+            f"The {name} has the shape {array.shape}.", "Give an array of rows and columns with at least one cell."
+        )
+    if array.dtype != np.uint8:
+        numbers = array.dtype.kind in "buif"
+        if not (numbers and ((array >= 0) & (array <= 255) & (array == np.floor(array))).all()):
+            raise InvalidParameterError(f"The {name} holds more than codes.", "Give whole numbers from 0 to 255.")
+    return np.ascontiguousarray(array, dtype=np.uint8)

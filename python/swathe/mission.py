@@ -17,25 +17,31 @@ import swathe
 from swathe import nest as nesting
 from swathe import planner, rank, swarm
 from swathe.corridor import CorridorParams
-from swathe.errors import InvalidParameterError, NoOverlapError
+from swathe.errors import InvalidParameterError, TooSmallError
+from swathe.export import place
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
 from swathe.export.geojson import nest_collection, route_collection
-from swathe.grid import GridGeometry, Position, Window
+from swathe.grid import GridGeometry
 from swathe.io.elevation import open_elevation, require_known
 from swathe.io.memory import require_memory
 from swathe.io.raster import write_raster
 from swathe.io.soil import read_soil
 from swathe.io.sources import single
+from swathe.io.window import bounded, first_window, larger_window
 from swathe.nest import NestParams
 from swathe.rank import RankParams, Region
 from swathe.report.palette import rank_colour_table
 from swathe.swarm import SwarmParams
+from swathe.terrain import block_max, group_mean, height_map, slope
 from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from swathe.grid import Position, Window
     from swathe.io.crs import Frame
     from swathe.io.elevation import ElevationSource
     from swathe.io.sources import Source
@@ -45,11 +51,8 @@ if TYPE_CHECKING:
 
     OnProgress = Callable[[str, int, int], bool]
 
-#: A plan reads the whole map up to this many cells; beyond, and for maps on a server, a window around the way.
-WHOLE_MAP_CELLS = 16_000_000
-
-#: Least margin of such a window around start and goal, in cells.
-_LEAST_MARGIN_CELLS = 256
+#: The paper averages groups of 8 x 8 pixels; what is left must have a gradient.
+_PAPER_GROUP, _FEWEST_GROUPS = 8, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,7 @@ class Settings:
     """
 
     vehicle: str = "pioneer-3at"
-    rank: RankParams = RankParams()
+    rank: RankParams = field(default_factory=RankParams)
     method: Literal["swarm", "exact"] = "swarm"
     agents: int | None = None
     pellet_max: int | None = None
@@ -172,9 +175,13 @@ def plan_route(
             source = _open(terrain)
         with source:
             ends = [_place(source, point, terrain.points_crs) for point in (start, goal)]
-            window = _first_window(source, terrain, ends)
+            whole = bounded(source, terrain.bounds, terrain.points_crs)
+            window = first_window(source, whole, ends)
             while True:
-                ground = _prepare(source, terrain, window, vehicle, settings, watch, on_progress)
+                is_whole = window == whole
+                ground = _prepare(
+                    source, terrain, window, vehicle, settings, is_whole=is_whole, watch=watch, on_progress=on_progress
+                )
                 with watch.step("plan"):
                     answer = planner.plan(
                         ground.region,
@@ -190,9 +197,9 @@ def plan_route(
                     )
                 if not _needs_more_map(answer, ground, settings):
                     break
-                window = _larger_window(source, terrain, window)
+                window = larger_window(window, whole)
             summary = _plan_summary(ground, answer, settings, (start, goal), ends)
-            _write(folder, out, ground, answer, summary, watch, on_progress)
+            _write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
     return summary
 
 
@@ -215,8 +222,10 @@ def find_nests(
         with watch.step("open"):
             source = _open(terrain)
         with source:
-            window = _bounded(source, terrain)
-            ground = _prepare(source, terrain, window, vehicle, settings, watch, on_progress)
+            window = bounded(source, terrain.bounds, terrain.points_crs)
+            ground = _prepare(
+                source, terrain, window, vehicle, settings, is_whole=True, watch=watch, on_progress=on_progress
+            )
             methods = ("swarm", "exact") if compare else (settings.method,)
             found = {method: _nests_by(method, ground.region, settings, watch, on_progress) for method in methods}
             shown = found[settings.method]
@@ -231,8 +240,7 @@ def find_nests(
             }
             if compare:
                 summary |= _comparison(found["swarm"], found["exact"], watch)
-            nests = shown.nests
-            _write(folder, out, ground, nests, summary, watch, on_progress)
+            _write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
     return summary
 
 
@@ -314,64 +322,6 @@ def _place(source: ElevationSource, point: tuple[float, float], points_crs: str 
     return source.frame.from_points(point[0], point[1], points_crs, source.source_crs_wkt)
 
 
-def _bounded(source: ElevationSource, terrain: TerrainRequest) -> Window:
-    """Return the window of ``--bounds``, or the whole map."""
-    geometry = source.frame.geometry
-    if terrain.bounds is None:
-        return Window(0, 0, geometry.rows, geometry.columns)
-    west, south, east, north = terrain.bounds
-    if not (west < east and south < north):
-        raise InvalidParameterError(
-            f"The bounds {west:g},{south:g},{east:g},{north:g} hold nothing.", "Give west,south,east,north."
-        )
-    corners = [(west, south), (west, north), (east, south), (east, north)]
-    places = [_place(source, corner, terrain.points_crs) for corner in corners]
-    window = _around(geometry, places, 0)
-    if window is None:
-        raise NoOverlapError(
-            f"The bounds {west:g},{south:g},{east:g},{north:g} lie outside {', '.join(source.names)}.",
-            "Give bounds inside the elevation, in longitude and latitude unless `--points-crs` says otherwise.",
-        )
-    return window
-
-
-def _around(geometry: GridGeometry, places: list[Position], margin_cells: int) -> Window | None:
-    """Return the cells of the box around places with a margin, or None outside the map."""
-    size = geometry.cell_size_m
-    columns = [(place.x_m - geometry.west_m) / size for place in places]
-    rows = [(geometry.north_m - place.y_m) / size for place in places]
-    top, bottom = max(0, int(min(rows)) - margin_cells), min(geometry.rows, int(max(rows)) + 1 + margin_cells)
-    left, right = max(0, int(min(columns)) - margin_cells), min(geometry.columns, int(max(columns)) + 1 + margin_cells)
-    if top >= bottom or left >= right:
-        return None
-    return Window(top, left, bottom - top, right - left)
-
-
-def _first_window(source: ElevationSource, terrain: TerrainRequest, ends: list[Position]) -> Window:
-    """Return what to read first: everything, or for large and remote maps the part around start and goal."""
-    whole = _bounded(source, terrain)
-    geometry = source.frame.geometry
-    if (
-        terrain.bounds is not None
-        or (whole.rows * whole.columns <= WHOLE_MAP_CELLS and not source.is_remote)
-        or any(geometry.cell_at(end) is None for end in ends)
-    ):
-        return whole
-    distance_m = np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)
-    margin = max(_LEAST_MARGIN_CELLS, int(0.5 * distance_m / geometry.cell_size_m))
-    return _around(geometry, ends, margin) or whole
-
-
-def _larger_window(source: ElevationSource, terrain: TerrainRequest, window: Window) -> Window:
-    """Return a window with twice the sides, inside the map."""
-    whole = _bounded(source, terrain)
-    top, left = window.row - window.rows // 2, window.column - window.columns // 2
-    bottom, right = top + 2 * window.rows, left + 2 * window.columns
-    top, left = max(top, whole.row), max(left, whole.column)
-    bottom, right = min(bottom, whole.row + whole.rows), min(right, whole.column + whole.columns)
-    return Window(top, left, bottom - top, right - left)
-
-
 def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
     if ground.is_whole:
         return False
@@ -384,6 +334,8 @@ def _prepare(
     window: Window,
     vehicle: Vehicle,
     settings: Settings,
+    *,
+    is_whole: bool,
     watch: Stopwatch,
     on_progress: OnProgress | None,
 ) -> Ground:
@@ -394,11 +346,13 @@ def _prepare(
         report = None if on_progress is None else (lambda done, total: on_progress("reading elevation", done, total))
         elevation_m = source.read(window, report)
     require_known(elevation_m, ", ".join(source.names))
-    whole = _bounded(source, terrain)
     notes: list[str] = []
     grey = None
     if settings.follows_paper:
-        frame, elevation_m, grey, more = _averaged(frame, elevation_m, source, terrain, vehicle, settings)
+        frame, elevation_m, grey, more = _averaged(
+            frame, elevation_m, terrain.height_range_m if source.grey else None, vehicle
+        )
+        notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
         notes += more
     soil_report = codes = None
     if terrain.soil is not None:
@@ -408,30 +362,27 @@ def _prepare(
     region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
     notes += _notes(region, source, soil_report)
     soil_source = None if terrain.soil is None else single(terrain.soil)
-    return Ground(region, frame, source, soil_report, soil_source, tuple(notes), window == whole)
+    return Ground(region, frame, source, soil_report, soil_source, tuple(notes), is_whole)
 
 
 def _averaged(
-    frame: Frame,
-    elevation_m: np.ndarray[Any, np.dtype[np.float32]],
-    source: ElevationSource,
-    terrain: TerrainRequest,
-    vehicle: Vehicle,
-    settings: Settings,
-) -> tuple[Frame, Any, Any, list[str]]:
+    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None, vehicle: Vehicle
+) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], list[str]]:
     """Average the map by groups of 8 x 8 pixels, as the paper does; heights and grey levels alike."""
-    from swathe.terrain import block_max, group_mean, height_map, slope
-
-    levels = height_map(elevation_m, terrain.height_range_m if source.grey else None)
-    grey, heights = group_mean(levels), group_mean(elevation_m)
     geometry = frame.geometry
-    tall = min(8, geometry.rows)
-    coarse = GridGeometry(
-        heights.shape[0], heights.shape[1], geometry.cell_size_m * tall, geometry.west_m, geometry.north_m
-    )
-    notes = [f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper."]
+    rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
+    if min(rows, columns) < _FEWEST_GROUPS:
+        raise TooSmallError(
+            f"The paper's groups of 8 x 8 cells make {rows} x {columns} of {geometry.rows} x {geometry.columns} cells.",
+            "At least 3 x 3 are needed: use a larger map, a smaller `--cell-size` or `--profile metric`.",
+        )
+    levels = height_map(elevation_m, grey_range_m)
+    grey, heights = group_mean(levels), group_mean(elevation_m)
+    coarse = GridGeometry(rows, columns, geometry.cell_size_m * _PAPER_GROUP, geometry.west_m, geometry.north_m)
+    notes = []
     steepest = block_max(slope(elevation_m, geometry.cell_size_m))
-    hidden = float(np.mean(steepest[np.isfinite(steepest)] > vehicle.max_grade)) if np.isfinite(steepest).any() else 0
+    known = steepest[np.isfinite(steepest)]
+    hidden = float(np.mean(known > vehicle.max_grade)) if known.size else 0.0
     if hidden > 0:
         notes.append(f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit.")
     return replace(frame, geometry=coarse), heights, grey, notes
@@ -529,7 +480,7 @@ def _plan_summary(
         **_summary("plan", ground, settings),
         "status": answer.status,
         "reason": answer.reason,
-        "where": _where(answer.place, ground.frame),
+        "where": place.in_words(answer.place, ground.frame),
         "remedy": answer.remedy,
         "length_m": None if route is None else route.length_m,
         "straight_m": float(np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)),
@@ -546,8 +497,8 @@ def _plan_summary(
         "optimal": answer.optimal,
         "cells_evaluated": answer.cells_evaluated,
         "nest_count": None if answer.nests is None else answer.nests.count,
-        "start": _end(asked[0], ends[0], answer.start, ground.frame),
-        "goal": _end(asked[1], ends[1], answer.goal, ground.frame),
+        "start": place.end_of_route(asked[0], ends[0], answer.start, ground.frame),
+        "goal": place.end_of_route(asked[1], ends[1], answer.goal, ground.frame),
         "swarm": None if answer.swarm is None else _swarm_summary(answer.swarm, settings),
         "corridor": None
         if corridor is None
@@ -561,43 +512,13 @@ def _plan_summary(
     }
 
 
-def _lonlat(place: Position, frame: Frame) -> tuple[float | None, float | None]:
-    if not frame.has_lonlat:
-        return None, None
-    lon, lat = frame.to_lonlat(place.x_m, place.y_m)
-    return round(float(lon), 8), round(float(lat), 8)
-
-
-def _end(
-    asked: tuple[float, float], end: Position, moved: tuple[Position, float] | None, frame: Frame
-) -> dict[str, Any]:
-    place = end if moved is None else moved[0]
-    lon, lat = _lonlat(place, frame)
-    return {
-        "asked": list(asked),
-        "lon": lon,
-        "lat": lat,
-        "x_m": round(place.x_m, 3),
-        "y_m": round(place.y_m, 3),
-        "snapped_m": 0.0 if moved is None else round(moved[1], 3),
-    }
-
-
-def _where(place: Position | None, frame: Frame) -> str | None:
-    if place is None:
-        return None
-    lon, lat = _lonlat(place, frame)
-    if lon is None or lat is None:
-        return f"x {place.x_m:.1f} m, y {place.y_m:.1f} m"
-    return f"{lon:.6f},{lat:.6f} (longitude,latitude)"
-
-
 def _write(
     folder: Path,
     out: Path,
     ground: Ground,
     found: Plan | nesting.Nests,
     summary: dict[str, Any],
+    *,
     watch: Stopwatch,
     on_progress: OnProgress | None,
 ) -> None:
@@ -622,7 +543,7 @@ def _write(
             outlines = nesting.outlines(nests, region.geometry)
             gaps = nesting.nest_graph(nests, region.geometry)
             area_m2 = region.geometry.cell_size_m**2
-            collection = nest_collection(nests, outlines, gaps, area_m2, frame, origin)
+            collection = nest_collection(nests, outlines, gaps, area_m2, frame=frame, origin=origin)
             write_text(folder / "nests.geojson", to_json(collection))
         ranks = rank.rank_map(region)
         write_raster(
@@ -637,7 +558,7 @@ def _write(
         _tell(on_progress, "writing", 2, 5)
         from swathe.report import run_pictures
 
-        run_pictures.draw(folder, region, frame, ranks.rank, outlines, answer, summary, tags)
+        run_pictures.draw(folder, region, frame, ranks.rank, outlines, plan=answer, summary=summary, metadata=tags)
     _tell(on_progress, "writing", 4, 5)
     names = sorted({entry.name for entry in folder.iterdir()} | {SUMMARY, "report.html"})
     summary["outputs"] = {name.partition(".")[0]: name for name in names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +15,7 @@ from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatch
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
 from swathe.swarm import SwarmParams, Tally, tally
+from swathe.terrain import require_length
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,9 +84,13 @@ def shortest_path(
         raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
     if corners not in ("keep", "cut"):
         raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    if method not in ("auto", "astar", "dijkstra"):
+        raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, astar or dijkstra.")
+    cell_size_m = require_length(cell_size_m)
     ends = {"start": _cell(start, costs.shape), "goal": _cell(goal, costs.shape)}
     for name, cell in ends.items():
         if not math.isfinite(costs[cell]):
+            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
             status: Status = "start_blocked" if name == "start" else "goal_blocked"
             return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
     found = _core.shortest_path(
@@ -104,14 +110,26 @@ def _costs(cells: ArrayLike) -> NDArray[np.float64]:
         raise ShapeMismatchError(f"The cells have the shape {array.shape}.", "Give an array of rows and columns.")
     if array.dtype == np.bool_:
         return np.where(array, 1.0, np.inf)
-    try:
-        return np.ascontiguousarray(array, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidParameterError("The cells do not hold numbers.", "Give costs per metre or booleans.") from error
+    if array.dtype.kind not in "iuf":
+        raise InvalidParameterError("The cells do not hold numbers.", "Give costs per metre or booleans.")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _refuse_negative(costs: NDArray[np.float64]) -> None:
+    below = np.argwhere(costs < 0)
+    if len(below):
+        row, column = below[0]
+        raise InvalidParameterError(
+            f"The cost {costs[row, column]:g} at cell ({row}, {column}) is negative.",
+            "Mark closed cells with NaN or infinity instead.",
+        )
 
 
 def _cell(cell: tuple[int, int], shape: tuple[int, ...]) -> Cell:
-    row, column = (int(value) for value in cell)
+    try:
+        row, column = (operator.index(value) for value in cell)
+    except (TypeError, ValueError) as error:
+        raise InvalidParameterError(f"{cell!r} is not a cell.", "Give a row and a column, whole numbers.") from error
     if not (0 <= row < shape[0] and 0 <= column < shape[1]):
         raise OutsideGridError(
             f"Cell ({row}, {column}) lies outside {shape[0]} rows and {shape[1]} columns.",

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from swathe import _core
 from swathe.errors import InvalidParameterError, ShapeMismatchError
-from swathe.grid import Cell, GridGeometry
+from swathe.grid import Cell, GridGeometry, as_codes
 from swathe.terrain import as_heights, group_mean, height_map
 from swathe.vehicle import Vehicle, load_vehicle
 
@@ -128,7 +128,7 @@ class Region:
         return _core.Region(
             self.shape,
             np.ascontiguousarray(self.elevation_m, dtype=np.float32),
-            None if self.soil is None else np.ascontiguousarray(self.soil, dtype=np.uint8),
+            None if self.soil is None else as_codes(self.soil, "soil"),
             None if self.grey is None else np.ascontiguousarray(self.grey, dtype=np.float32),
             None if self.zones is None else np.ascontiguousarray(self.zones, dtype=np.bool_),
             self.vehicle.core,
@@ -138,10 +138,19 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class RankMap:
-    """Ranks and, for every no-go or unknown cell, the code of its reason (an index into ``REASONS``)."""
+    """Ranks of a region: ``packed`` holds the rank in the low four bits and the reason's code in the high four."""
 
-    rank: NDArray[np.uint8]
-    reason: NDArray[np.uint8]
+    packed: NDArray[np.uint8]
+
+    @cached_property
+    def rank(self) -> NDArray[np.uint8]:
+        """0 unknown, 1 no-go, 2 (worst) to 10 (best)."""
+        return self.packed & np.uint8(15)
+
+    @cached_property
+    def reason(self) -> NDArray[np.uint8]:
+        """Why a cell is no-go or unknown: an index into ``REASONS``, 0 elsewhere."""
+        return self.packed >> np.uint8(4)
 
 
 def rank_map(region: Region) -> RankMap:
@@ -150,8 +159,7 @@ def rank_map(region: Region) -> RankMap:
     Raises:
         UsageError: a parameter is outside its range, or the layers do not fit.
     """
-    rank, reason = _core.rank_map(region.core)
-    return RankMap(rank, reason)
+    return RankMap(_core.rank_map(region.core))
 
 
 def rank_cell(region: Region, cell: Cell) -> tuple[int, str]:
@@ -169,7 +177,7 @@ def rank_metric(
 ) -> RankMap:
     """Rank a terrain that stands alone: ``rank_map`` for arrays without a map frame."""
     heights = as_heights(elevation_m)
-    codes = None if soil is None else np.ascontiguousarray(soil, dtype=np.uint8)
+    codes = None if soil is None else as_codes(soil, "soil")
     machine = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle)
     geometry = GridGeometry(heights.shape[0], heights.shape[1], cell_size_m)
     return rank_map(Region(geometry, heights, machine, codes, params=params or RankParams()))
@@ -221,4 +229,4 @@ def height_goodness(
 
 def as_dict(params: RankParams) -> dict[str, Any]:
     """Return the parameters as plain values for JSON."""
-    return cast("dict[str, Any]", asdict(params))
+    return asdict(params)

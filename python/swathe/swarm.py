@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from swathe import _core
-from swathe.errors import InvalidParameterError
+from swathe.errors import InvalidParameterError, ShapeMismatchError
 from swathe.nest import NestParams, Nests
 
 if TYPE_CHECKING:
@@ -110,7 +110,14 @@ def run_swarm(
     """
     params = params or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
     mask = None if inside is None else np.ascontiguousarray(inside, dtype=np.bool_)
+    if mask is not None and mask.shape != region.geometry.shape:
+        raise ShapeMismatchError(
+            f"The mask has the shape {mask.shape} where the grid has {region.geometry.shape}.",
+            "Give one value per cell.",
+        )
     limit = UNTIL_FINISHED if ticks is None else ticks
+    if not 0 <= limit <= UNTIL_FINISHED:
+        raise InvalidParameterError(f"{ticks} ticks cannot be spent.", "Give 0 or more.")
     found = _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress)
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
     return Swarm(nests, found["ending"], tally(found))

@@ -9,22 +9,11 @@ use crate::convert::{array, bands, rounding};
 use crate::error::CoreError;
 use crate::region::Region;
 
-/// (ranks, reason codes) of every cell.
+/// Rank (low four bits) and reason code (high four bits) of every cell.
 #[pyfunction]
-#[allow(clippy::type_complexity, reason = "a pair of arrays")]
-pub(crate) fn rank_map<'py>(
-    py: Python<'py>,
-    region: &Region,
-) -> PyResult<(Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<u8>>)> {
-    let (ranks, reasons) = region.with(py, false, |_, ranker, _, _| {
-        let map = ranker.rank_all();
-        let cells = map.cells().data();
-        let ranks: Vec<u8> = cells.iter().map(|cell| cell.rank()).collect();
-        let reasons: Vec<u8> = cells.iter().map(|cell| cell.reason() as u8).collect();
-        Ok((ranks, reasons))
-    })?;
-    let geometry = region.geometry();
-    Ok((array(py, geometry, ranks)?, array(py, geometry, reasons)?))
+pub(crate) fn rank_map<'py>(py: Python<'py>, region: &Region) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let bytes = region.with(py, false, |_, ranker, _, _| Ok(ranker.rank_all().into_bytes()))?;
+    array(py, region.geometry(), bytes)
 }
 
 /// (rank, reason code) of one cell, evaluated alone.

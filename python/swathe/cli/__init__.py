@@ -6,9 +6,12 @@ unusable input or surroundings, 130 interrupted, 1 our own bug.
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import signal
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -23,6 +26,7 @@ EXIT_INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and end the process with its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _prepare()
     try:
         code = _run(words)
         sys.stdout.flush()
@@ -37,12 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
+def _prepare() -> None:
+    """Let a stop by ``kill`` clean up as Ctrl-C does, and let no file name be unprintable."""
+    with suppress(ValueError):  # only the main thread may
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def _run(words: list[str]) -> int:
     as_json, debug = "--json" in words, "--debug" in words
     try:
         return _command(words, as_json=as_json, debug=debug)
     except KeyboardInterrupt:
-        return _fail("interrupted", "Interrupted.", "Nothing was changed.", EXIT_INTERRUPTED, as_json=as_json)
+        return _fail("interrupted", "Interrupted.", "Nothing half-written is left.", EXIT_INTERRUPTED, as_json=as_json)
 
 
 def _command(words: list[str], *, as_json: bool, debug: bool) -> int:
@@ -65,14 +78,14 @@ def _command(words: list[str], *, as_json: bool, debug: bool) -> int:
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         command = "swathe" if context is None else context.command_path
-        message = " ".join(error.format_message().split())
+        message = " ".join(error.format_message().replace("Value error, ", "").split())
         return _fail("usage", message, f"Try `{command} --help`.", EXIT_USAGE, as_json=as_json)
     except MemoryError:
         remedy = "Choose a smaller window with `--bounds`, or coarser cells with `--cell-size`."
         return _fail("too_large", "The memory does not suffice.", remedy, EXIT_UNUSABLE, as_json=as_json)
     except BrokenPipeError:
         raise
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - whatever else comes is our own bug, and is called one
         if debug:
             _show_traceback()
         message = " ".join(f"Swathe has a bug: {type(error).__name__}: {error}".split())

@@ -61,8 +61,11 @@ VehicleName = Annotated[
 ]
 Profile = Annotated[
     Literal["metric", "paper", "literal"],
-    typer.Option("--profile", help="metric: slope against the vehicle's limits. paper: the paper's tables with gates. "
-                 "literal: the paper's tables without gates."),
+    typer.Option(
+        "--profile",
+        help="metric: slope against the vehicle's limits. paper: the paper's tables with gates. "
+        "literal: the paper's tables without gates.",
+    ),
 ]
 Method = Annotated[
     Literal["swarm", "exact"], typer.Option("--method", help="Termite swarm, or one exact pass over the whole map.")
@@ -214,10 +217,27 @@ def plan(
         memory_limit=memory_limit,
     )
     settings = _settings(
-        vehicle=vehicle, method=method, profile=profile, moisture=moisture, unknown_soil=unknown_soil, agents=agents,
-        pellets=pellets, seed=seed, threads=threads, arc=arc, sagitta=sagitta, width=width, bridge=bridge,
-        certify=certify, soil_table=soil_table, combine=combine, weights=weights, directions=directions, bands=bands,
-        rounding=rounding, paper_grade=paper_grade,
+        vehicle=vehicle,
+        method=method,
+        profile=profile,
+        moisture=moisture,
+        unknown_soil=unknown_soil,
+        agents=agents,
+        pellets=pellets,
+        seed=seed,
+        threads=threads,
+        arc=arc,
+        sagitta=sagitta,
+        width=width,
+        bridge=bridge,
+        certify=certify,
+        soil_table=soil_table,
+        combine=combine,
+        weights=weights,
+        directions=directions,
+        bands=bands,
+        rounding=rounding,
+        paper_grade=paper_grade,
     )
     ends = say.pair("--start", start), say.pair("--goal", goal)
     with say.progress(quiet=quiet or json) as report:
@@ -285,9 +305,22 @@ def nests(
         memory_limit=memory_limit,
     )
     settings = _settings(
-        vehicle=vehicle, method=method, profile=profile, moisture=moisture, unknown_soil=unknown_soil, agents=agents,
-        pellets=pellets, seed=seed, threads=threads, soil_table=soil_table, combine=combine, weights=weights,
-        directions=directions, bands=bands, rounding=rounding, paper_grade=paper_grade,
+        vehicle=vehicle,
+        method=method,
+        profile=profile,
+        moisture=moisture,
+        unknown_soil=unknown_soil,
+        agents=agents,
+        pellets=pellets,
+        seed=seed,
+        threads=threads,
+        soil_table=soil_table,
+        combine=combine,
+        weights=weights,
+        directions=directions,
+        bands=bands,
+        rounding=rounding,
+        paper_grade=paper_grade,
     )
     with say.progress(quiet=quiet or json) as report:
         summary = mission.find_nests(
@@ -299,7 +332,9 @@ def nests(
 
 @app.command()
 def report(
-    folder: Annotated[Path, typer.Argument(help="A run's folder.")], json: Json = False, debug: Debug = False  # noqa: ARG001
+    folder: Annotated[Path, typer.Argument(help="A run's folder.")],
+    json: Json = False,
+    debug: Debug = False,  # noqa: ARG001
 ) -> int:
     """Write a run's report anew: one HTML file that needs nothing else.
 

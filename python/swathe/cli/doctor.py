@@ -67,9 +67,17 @@ def _memory() -> dict[str, Any]:
 
     free = available_bytes()
     cells = free * 0.8 / BYTES_PER_CELL
-    return {"name": "memory", "ok": True, "found": f"{free / 1e9:.1f} GB free, maps of up to {cells / 1e6:,.0f} million cells"}
+    return {
+        "name": "memory",
+        "ok": True,
+        "found": f"{free / 1e9:.1f} GB free, maps of up to {cells / 1e6:,.0f} million cells",
+    }
 
 
 def _folder() -> dict[str, Any]:
     writable = os.access(".", os.W_OK)
-    return {"name": "this folder", "ok": True, "found": "can be written" if writable else "cannot be written; use --out"}
+    return {
+        "name": "this folder",
+        "ok": True,
+        "found": "can be written" if writable else "cannot be written; use --out",
+    }

@@ -31,7 +31,9 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
     require_ours_or_runs(out, tuple(chapter[0] for chapter in _CHAPTERS))
     answers: list[dict[str, Any]] = []
     if not (as_json or quiet):
-        sys.stdout.write("The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.\n")
+        sys.stdout.write(
+            "The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.\n"
+        )
     for name, title, vehicle, start, goal, with_soil in _CHAPTERS:
         terrain = mission.TerrainRequest(dem=(_BUNDLED,), soil=_BUNDLED if with_soil else None)
         with say.progress(quiet=quiet or as_json) as report:

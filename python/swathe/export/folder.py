@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 import secrets
 import shutil
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swathe.errors import OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 SUMMARY = "summary.json"
 
 #: Every file that a run may leave; a folder that holds anything else is not ours.
-OUR_FILES = frozenset(
-    {SUMMARY, "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"}
-)
+OUR_FILES = frozenset({SUMMARY, "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"})
 
 _STAGING = ".swathe-part-"
 
@@ -34,24 +33,40 @@ def run_folder(out: Path) -> Iterator[Path]:
     Raises:
         OutputError: ``out`` is not ours (holds files that no run makes), may not be written, or is full.
     """
-    existed = out.exists()
-    try:
-        require_ours(out)
-        out.mkdir(parents=True, exist_ok=True)
-        staging = out / f"{_STAGING}{secrets.token_hex(4)}"
-        staging.mkdir()
-    except OSError as error:
-        raise _refusal(out, error) from error
+    staging = out / f"{_STAGING}{os.getpid()}-{secrets.token_hex(4)}"
+    made = _make(staging, out)
     try:
         yield staging
         _swap(staging, out)
+        made = []
+    except OutputError as error:
+        raise OutputError(error.message.replace(str(staging), str(out)), error.remedy) from error
     except OSError as error:
+        if error.filename is not None and not Path(os.fsdecode(error.filename)).is_relative_to(out):
+            raise  # it is about something else
         raise _refusal(out, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-        if not existed:
-            with suppress(OSError):
-                out.rmdir()
+        _remove(made)
+
+
+def _make(staging: Path, out: Path) -> list[Path]:
+    """Make the staging folder and return the folders that had to be made for it, innermost first."""
+    made: list[Path] = []
+    try:
+        require_ours(out)
+        made = [folder for folder in (out, *out.parents) if not folder.exists()]
+        staging.mkdir(parents=True)
+    except OSError as error:
+        _remove(made)
+        raise _refusal(out, error) from error
+    return made
+
+
+def _remove(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # somebody else may have put something there
+            folder.rmdir()
 
 
 def require_ours(out: Path) -> None:
@@ -61,25 +76,32 @@ def require_ours(out: Path) -> None:
     if not out.is_dir():
         return
     alien = sorted(
-        entry.name
-        for entry in out.iterdir()
-        if entry.name not in OUR_FILES and not entry.name.startswith(_STAGING)
+        entry.name for entry in out.iterdir() if entry.name not in OUR_FILES and not entry.name.startswith(_STAGING)
     )
     if alien:
         raise OutputError(
             f"The folder {out} holds {alien[0]}, which no run of Swathe made.",
             "Choose an empty folder, or one of an earlier run, with `--out`.",
         )
-    summary = out / SUMMARY
-    if summary.exists():
-        try:
-            ours = "command" in json.loads(summary.read_text(encoding="utf-8"))
-        except (ValueError, TypeError):
-            ours = False
-        if not ours:
-            raise OutputError(
-                f"The folder {out} holds a {SUMMARY} that is not ours.", "Choose another folder with `--out`."
-            )
+    present = sorted(entry.name for entry in out.iterdir())
+    if SUMMARY in present and not _is_ours(out / SUMMARY):
+        raise OutputError(
+            f"The folder {out} holds a {SUMMARY} that is not ours.", "Choose another folder with `--out`."
+        )
+    # Without a summary only a run that was killed explains such files.
+    if present and SUMMARY not in present and not any(name.startswith(_STAGING) for name in present):
+        raise OutputError(
+            f"The folder {out} holds {present[0]} but no {SUMMARY} of a run.",
+            "Choose an empty folder, or one of an earlier run, with `--out`.",
+        )
+
+
+def _is_ours(summary: Path) -> bool:
+    try:
+        content = json.loads(summary.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and {"command", "version", "inputs"} <= content.keys()
 
 
 def require_ours_or_runs(out: Path, names: tuple[str, ...]) -> None:
@@ -95,12 +117,41 @@ def require_ours_or_runs(out: Path, names: tuple[str, ...]) -> None:
 
 
 def _swap(staging: Path, out: Path) -> None:
-    new = sorted(entry.name for entry in staging.iterdir())
-    (out / SUMMARY).unlink(missing_ok=True)
-    for name in OUR_FILES - set(new):
-        (out / name).unlink(missing_ok=True)
-    for name in sorted(new, key=lambda name: (name == SUMMARY, name)):
-        (staging / name).replace(out / name)
+    """Put the files of ``staging`` in the place of those in ``out``, or leave these as they are."""
+    new = sorted((entry.name for entry in staging.iterdir()), key=lambda name: (name == SUMMARY, name))
+    former = staging / "former"
+    former.mkdir()
+    try:
+        for name in sorted(OUR_FILES, key=lambda name: (name != SUMMARY, name)):
+            if (out / name).exists():
+                (out / name).replace(former / name)
+        for name in new:
+            (staging / name).replace(out / name)
+    except BaseException:  # Ctrl-C too
+        for name in new:
+            if not (staging / name).exists():
+                (out / name).unlink(missing_ok=True)
+        for entry in former.iterdir():
+            entry.replace(out / entry.name)
+        raise
+    for left in _leftovers(out):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _leftovers(out: Path) -> list[Path]:
+    """Return what runs that were killed have left in ``out``."""
+    return [entry for entry in out.iterdir() if entry.name.startswith(_STAGING) and not _is_running(entry.name)]
+
+
+def _is_running(staging: str) -> bool:
+    number = staging.removeprefix(_STAGING).partition("-")[0]
+    try:
+        os.kill(int(number), 0)
+    except PermissionError:  # it runs, for somebody else
+        return True
+    except (OSError, ValueError, OverflowError):
+        return False
+    return True
 
 
 def _refusal(out: Path, error: OSError) -> OutputError:
@@ -113,7 +164,8 @@ def _refusal(out: Path, error: OSError) -> OutputError:
 def write_text(path: Path, text: str) -> None:
     """Write a text file into a staging folder, or raise OutputError (a full disk among others)."""
     try:
-        path.write_text(text, encoding="utf-8", newline="\n")
+        # Names of files may hold what is no text; the escape is valid JSON.
+        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
     except OSError as error:
         raise _refusal(path.parent.parent, error) from error
 

@@ -56,7 +56,13 @@ def route_collection(route: Route | None, frame: Frame, origin: Mapping[str, Any
 
 
 def nest_collection(
-    nests: Nests, outlines: list[Outline], gaps: list[Gap], cell_area_m2: float, frame: Frame, origin: Mapping[str, Any]
+    nests: Nests,
+    outlines: list[Outline],
+    gaps: list[Gap],
+    cell_area_m2: float,
+    *,
+    frame: Frame,
+    origin: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return one feature per nest, largest first, with its size and its nearest neighbour in the nest graph."""
     polygons: dict[int, list[list[Any]]] = {}

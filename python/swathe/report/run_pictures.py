@@ -36,15 +36,16 @@ def draw(
     frame: Frame,
     ranks: NDArray[np.uint8],
     outlines: Sequence[Outline],
+    *,
     plan: Plan | None,
     summary: Mapping[str, Any],
     metadata: Mapping[str, str],
 ) -> None:
     """Draw ``map.png``, and ``profile.png`` when there is a route with a length."""
     corridor = None if plan is None else plan.corridor
-    ends = (None, None)
+    ends: list[tuple[float, float] | None] = [None, None]
     if plan is not None:
-        ends = tuple((summary[name]["x_m"], summary[name]["y_m"]) for name in ("start", "goal"))
+        ends = [(summary[name]["x_m"], summary[name]["y_m"]) for name in ("start", "goal")]
     swathe = None if corridor is None else corridor.cells(region.geometry)
     view = _view(region.geometry, swathe)
     shown = (slice(view.row, view.row + view.rows), slice(view.column, view.column + view.columns))
@@ -58,7 +59,7 @@ def draw(
         route_xy_m=None if plan is None or plan.route is None else plan.route.xy_m,
         start_xy_m=ends[0],
         goal_xy_m=ends[1],
-        blocked_xy_m=None if plan is None or plan.place is None else tuple(plan.place),
+        blocked_xy_m=None if plan is None else plan.place,
         title=wording.headline(dict(summary)),
         subtitle=_subtitle(region, summary),
         notes=tuple(note for note in summary["notes"] if any(word in note for word in _PICTURE_NOTES)),
@@ -96,9 +97,7 @@ def _subtitle(region: Region, summary: Mapping[str, Any]) -> str:
     )
 
 
-def _profile(
-    path: Path, region: Region, route: Route, summary: Mapping[str, Any], metadata: Mapping[str, str]
-) -> None:
+def _profile(path: Path, region: Region, route: Route, summary: Mapping[str, Any], metadata: Mapping[str, str]) -> None:
     vertices = route.xy_m
     runs = np.hypot(*np.diff(vertices, axis=0).T)
     reached = np.concatenate([[0.0], np.cumsum(runs)])

@@ -74,6 +74,27 @@ impl Criteria {
         }
     }
 
+    /// Ranks by soil code and number of exceeded bands (3 = beyond the limit), and the squared slope up to which each
+    /// soil's row holds: what a pass over plain terrain looks up.
+    pub(super) fn tables(&self) -> ([[CellRank; 4]; 8], [f32; 8]) {
+        let mut ranks = [[CellRank::UNKNOWN; 4]; 8];
+        let mut steepest = [f32::INFINITY; 8];
+        let beyond = self.limit_squared * 2.0 + 1.0;
+        for (soil, row) in ranks.iter_mut().enumerate().take(self.soils.len()) {
+            for (exceeded, rank) in row.iter_mut().enumerate() {
+                let slope_squared = if exceeded == 3 { beyond } else { 0.0 };
+                *rank = self.cell_rank(slope_squared, soil as u8, 5 - exceeded as u8);
+            }
+            steepest[soil] = self.soils[soil].steepest_squared;
+        }
+        (ranks, steepest)
+    }
+
+    /// Squared slopes above which a band is left, the third being the limit.
+    pub(super) fn bands_squared(&self) -> [f32; 3] {
+        [self.bands_squared[0], self.bands_squared[1], self.limit_squared]
+    }
+
     /// Goodness of a squared slope: 5 minus the number of bands it exceeds.
     pub(super) fn slope_goodness(&self, slope_squared: f32) -> u8 {
         let exceeded: u8 = self

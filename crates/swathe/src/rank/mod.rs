@@ -142,6 +142,12 @@ impl RankMap {
         &self.cells
     }
 
+    /// The cells' bytes: the rank in the low four bits, the code of the reason in the high four.
+    pub fn into_bytes(self) -> Vec<u8> {
+        // Collecting in place keeps the allocation.
+        self.cells.into_data().into_iter().map(|cell| cell.0).collect()
+    }
+
     /// The cells, to be changed.
     pub fn cells_mut(&mut self) -> &mut Layer<CellRank> {
         &mut self.cells

@@ -25,6 +25,13 @@ pub struct Ranker<'a> {
     fine: bool,
 }
 
+/// Ranks of plain terrain by soil code and exceeded bands, with the squared slopes up to which they hold.
+struct Lookup {
+    ranks: [[CellRank; 4]; 8],
+    bands_squared: [f32; 3],
+    plain_squared: [f32; 8],
+}
+
 impl<'a> Ranker<'a> {
     /// A ranker of an elevation (NaN unknown), an optional soil layer of class codes, and, for the paper's profiles,
     /// the averaged grey levels of the same cells. `zones` marks cells that are closed.
@@ -89,11 +96,12 @@ impl<'a> Ranker<'a> {
         let mut cells = Layer::filled(geometry, CellRank::UNKNOWN);
         let columns = geometry.columns();
         let plain = self.params.profile == Profile::Metric && !self.fine && self.zones.is_none();
+        let lookup = self.lookup();
         cells.data_mut().par_chunks_mut(columns).enumerate().for_each_init(
             || vec![0.0; columns],
             |slopes, (row, out)| {
                 if plain && row > 0 && row + 1 < geometry.rows() && columns > 2 {
-                    self.rank_row(row, slopes, out);
+                    self.rank_row(row, &lookup, slopes, out);
                 } else {
                     for (column, cell) in out.iter_mut().enumerate() {
                         *cell = self.cell_rank(Cell::new(row, column));
@@ -105,53 +113,46 @@ impl<'a> Ranker<'a> {
     }
 
     /// Ranks an inner row: a pass of arithmetic that the compiler turns into vector instructions, then look-ups.
-    fn rank_row(&self, row: usize, slopes: &mut [f32], out: &mut [CellRank]) {
+    fn rank_row(&self, row: usize, lookup: &Lookup, slopes: &mut [f32], out: &mut [CellRank]) {
         let run = 8.0 * self.geometry().cell_size_m() as f32;
         let scale = 1.0 / (run * run);
-        let north = self.elevation_m.row(row - 1);
-        let here = self.elevation_m.row(row);
-        let south = self.elevation_m.row(row + 1);
         let inner = out.len() - 2;
-        let west = (&north[..inner], &here[..inner], &south[..inner]);
-        let middle = (&north[1..=inner], &south[1..=inner]);
-        let east = (&north[2..], &here[2..], &south[2..]);
-        for (i, slope) in slopes[1..=inner].iter_mut().enumerate() {
-            *slope = slope_squared(
-                [
-                    west.0[i],
-                    middle.0[i],
-                    east.0[i],
-                    west.1[i],
-                    east.1[i],
-                    west.2[i],
-                    middle.1[i],
-                    east.2[i],
-                ],
-                scale,
-            );
+        let [north, here, south] = [row - 1, row, row + 1].map(|row| self.elevation_m.row(row));
+        let [(nw, n, ne), (w, h, e), (sw, s, se)] =
+            [north, here, south].map(|row| (&row[..inner], &row[1..=inner], &row[2..]));
+        for (i, slope) in slopes[..inner].iter_mut().enumerate() {
+            let around = [nw[i], n[i], ne[i], w[i], e[i], sw[i], s[i], se[i]];
+            // Adding nothing of the cell's own height makes an unknown cell's slope unknown.
+            *slope = slope_squared(around, scale) + 0.0 * h[i];
+        }
+        let soil = self.soil.map(|soil| &soil.row(row)[1..=inner]);
+        let [first, second, limit] = lookup.bands_squared;
+        for (i, (&slope, cell)) in slopes[..inner].iter().zip(&mut out[1..=inner]).enumerate() {
+            let code = usize::from(soil.map_or(0, |soil| soil[i])) & 7;
+            let exceeded = usize::from(slope > first) + usize::from(slope > second) + usize::from(slope > limit);
+            // Unknown slopes fail the comparison too.
+            *cell = if slope <= lookup.plain_squared[code] || slope > limit {
+                lookup.ranks[code][exceeded]
+            } else {
+                self.cell_rank(Cell::new(row, i + 1))
+            };
         }
         out[0] = self.cell_rank(Cell::new(row, 0));
         out[inner + 1] = self.cell_rank(Cell::new(row, inner + 1));
-        for column in 1..=inner {
-            let squared = slopes[column];
-            out[column] = if squared.is_finite() && here[column].is_finite() && squared <= self.easy_squared() {
-                let soil = self.soil.map_or(0, |soil| soil.row(row)[column]);
-                let goodness = self.criteria.slope_goodness(squared);
-                self.criteria.cell_rank(squared, soil, goodness)
-            } else {
-                self.cell_rank(Cell::new(row, column))
-            };
-        }
     }
 
-    /// Square of the slope up to which every heading is within the limits.
-    fn easy_squared(&self) -> f32 {
-        let easy = self
-            .vehicle
-            .side_slope
-            .min(self.vehicle.grade_up)
-            .min(self.vehicle.grade_down);
-        (easy * easy) as f32
+    /// The tables of a pass over plain terrain.
+    fn lookup(&self) -> Lookup {
+        let (ranks, steepest) = self.criteria.tables();
+        // Down or up a slope some of the sixteen headings lies within 13.3 degrees of the fall line, where the side slope
+        // is at most 0.23 of the slope: up to here the heading gate cannot fail.
+        let headed = self.vehicle.max_grade().min(self.vehicle.side_slope / 0.23);
+        let headed_squared = (headed * headed * (1.0 - 1e-6)) as f32;
+        Lookup {
+            ranks,
+            bands_squared: self.criteria.bands_squared(),
+            plain_squared: steepest.map(|squared| squared.min(headed_squared)),
+        }
     }
 
     fn slope_squared_at(&self, cell: Cell) -> Option<f32> {
@@ -378,12 +379,13 @@ mod tests {
             heights in prop::collection::vec(prop_oneof![9 => 0.0f32..40.0, 1 => Just(f32::NAN)], 72),
             soils in prop::collection::vec(0u8..7, 72),
             moisture_percent in 5.0f64..60.0,
-            size in prop_oneof![Just(30.0), Just(1.0)],
+            size in prop_oneof![3 => Just(30.0), 3 => Just(200.0), 1 => Just(1.0)],
+            side_slope in prop_oneof![Just(0.2), Just(0.02)],
         ) {
             let geometry = GridGeometry::new(8, 9, size, 0.0, 0.0).unwrap();
             let elevation = Layer::new(geometry, heights, "z").unwrap();
             let soil = Layer::new(geometry, soils, "soil").unwrap();
-            let vehicle = tractor();
+            let vehicle = Vehicle { side_slope, ..tractor() };
             let params = RankParams { moisture_percent, ..RankParams::default() };
             let ranker =
                 Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
