@@ -18,8 +18,6 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 # cargo, maturin and uv must all see this environment and no other that happens to be active.
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
-# Type stubs are read from the library's symbols, which a fully stripped library no longer has.
-export CARGO_PROFILE_RELEASE_STRIP := debuginfo
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
 
 RUST_SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find crates -name '*.rs' -o -name Cargo.toml)
@@ -131,7 +129,7 @@ $(BIN)/uv: | $(BIN)/python
 
 $(VENV)/.synced: requirements/dev.txt $(BIN)/uv
 	$(call announce,uv pip sync requirements/dev.txt)
-	@$(BIN)/uv pip sync --quiet --require-hashes requirements/dev.txt
+	@$(BIN)/uv pip sync --quiet --require-hashes --compile-bytecode requirements/dev.txt
 	@touch $@
 
 $(VENV)/.built: $(VENV)/.synced $(RUST_SOURCES)

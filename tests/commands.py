@@ -59,9 +59,7 @@ def start(*words: str, cwd: Path | None = None, env: Mapping[str, str] | None = 
 
 def run(*words: str, cwd: Path | None = None, env: Mapping[str, str] | None = None) -> Finished:
     """Run the program in a process of its own."""
-    done = subprocess.run(
-        [PROGRAM, *words], cwd=cwd, env=environment(env), capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([PROGRAM, *words], cwd=cwd, env=environment(env), capture_output=True, text=True, check=False)
     return Finished(done.returncode, done.stdout, done.stderr)
 
 

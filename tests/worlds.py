@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,11 @@ def smooth_hills(
         length_m = wave_m * draw.uniform(0.7, 1.6)
         heights += np.sin(2 * np.pi * (row * np.sin(angle) + column * np.cos(angle)) / length_m + phase)
     return np.asarray(500 + height_m * heights / 6, dtype=np.float32)
+
+
+def changed(vehicle: Vehicle, **figures: Any) -> Vehicle:
+    """Return a vehicle with other figures."""
+    return Vehicle(**{**vehicle.model_dump(), **figures})
 
 
 def region_of(

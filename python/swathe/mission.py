@@ -198,6 +198,7 @@ def plan_route(
                 if not _needs_more_map(answer, ground, settings):
                     break
                 window = larger_window(window, whole)
+            answer = _with_nests(answer, ground)
             summary = _plan_summary(ground, answer, settings, (start, goal), ends)
             _write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
     return summary
@@ -322,6 +323,14 @@ def _place(source: ElevationSource, point: tuple[float, float], points_crs: str 
     return source.frame.from_points(point[0], point[1], points_crs, source.source_crs_wkt)
 
 
+def _with_nests(answer: Plan, ground: Ground) -> Plan:
+    """Return the answer with the nests of all that was read, when it was refused before any were looked for."""
+    if answer.nests is not None:
+        return answer
+    ranks = rank.rank_map(ground.region)
+    return replace(answer, nests=nesting.exact_nests(ranks.rank, rank_min=ground.region.params.rank_min))
+
+
 def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
     if ground.is_whole:
         return False
@@ -345,7 +354,8 @@ def _prepare(
     with watch.step("read"):
         report = None if on_progress is None else (lambda done, total: on_progress("reading elevation", done, total))
         elevation_m = source.read(window, report)
-    require_known(elevation_m, ", ".join(source.names))
+    if is_whole:
+        require_known(elevation_m, ", ".join(source.names))
     notes: list[str] = []
     grey = None
     if settings.follows_paper:

@@ -63,6 +63,11 @@ class RankParams:
     bands: Literal["symmetric", "literal"] = "symmetric"
     rounding: Literal["half_away", "real"] = "half_away"
 
+    def __post_init__(self) -> None:
+        # The other words are checked by the core; this one decides there which parameters count.
+        if self.combine not in ("weighted", "min"):
+            raise InvalidParameterError(f"The combination {self.combine!r} is not known.", "Give weighted or min.")
+
     @property
     def rank_min(self) -> int:
         """Lowest suitable rank: 6 where gates hold, 7 in ``literal``, where 6 would let gravel cliffs pass."""

@@ -1,8 +1,8 @@
 """The shape of the ground: grey height map, height differences, slope, aspect, roughness.
 
 Arrays are (rows, columns) with row 0 at the north edge; NaN is unknown, and unknown cells never count as flat ground.
-Horn's weights (Proc. IEEE 69, 1981) give the gradient; beyond the map's edge heights continue as with
-``gdaldem -compute_edges``.
+Horn's weights (Proc. IEEE 69, 1981) give the gradient; beyond the map's edge heights continue in a straight line, as
+with ``gdaldem -compute_edges`` (which repeats the edge's column beyond the four corners, where it differs).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::soil::SoilClass;
+use swathe::soil::{SoilClass, Trafficability};
 use swathe::vehicle::{RunningGear, Tracks, Wheels};
 
 use crate::convert::entry;
@@ -72,7 +72,7 @@ impl Vehicle {
     fn on_soil(&self, code: u8, moisture_percent: f64) -> PyResult<(bool, f64, f64, f64)> {
         let class = SoilClass::from_code(code).map_err(CoreError::from)?;
         let moisture = swathe::soil::check_moisture(moisture_percent).map_err(CoreError::from)?;
-        let fares = self.inner.on_soil(class, moisture);
+        let fares = Trafficability::of(&self.inner, class, moisture);
         Ok((fares.go, fares.drawbar_grade, fares.rolling_resistance, fares.speed_mps))
     }
 }

@@ -1,4 +1,4 @@
-//! Soil classes: the paper's goodness, and their strength by moisture.
+//! Soil classes: the paper's goodness, their strength by moisture, and how a vehicle fares on them.
 //!
 //! Strength is the rating cone index RCI = exp(c1 + c2 ln w) in psi for a gravimetric moisture content w in per cent,
 //! clamped to 0..300 psi. Source: FASST, ERDC/CRREL SR-04-1, pp. 70-71, by USCS group; each class is represented by
@@ -6,11 +6,16 @@
 
 use thiserror::Error;
 
-/// Kilopascals per pound per square inch.
-pub const KPA_PER_PSI: f64 = 6.894_757;
+use crate::vehicle::{KPA_PER_PSI, RunningGear, Vehicle};
 
 /// Greatest rating cone index in psi.
 const CAP_PSI: f64 = 300.0;
+
+/// Excess strength in psi that soil of unknown class is taken to have (estimate).
+const UNKNOWN_EXCESS_PSI: f64 = 60.0;
+
+/// Slowest speed on soil that still carries the vehicle, as a share of its greatest speed (estimate).
+const LEAST_SOIL_SPEED: f64 = 0.1;
 
 /// What the ground is made of. The numbers are the codes of soil layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -127,9 +132,59 @@ pub fn check_moisture(percent: f64) -> Result<f64, SoilError> {
     }
 }
 
+/// How a vehicle fares on a soil.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trafficability {
+    /// Whether the soil carries it at all.
+    pub go: bool,
+    /// Steepest grade that traction allows.
+    pub drawbar_grade: f64,
+    /// Rolling resistance as a share of the weight.
+    pub rolling_resistance: f64,
+    /// Greatest speed in m/s.
+    pub speed_mps: f64,
+}
+
+impl Trafficability {
+    /// How a vehicle fares on a soil of a moisture content in per cent of the dry weight.
+    ///
+    /// Go needs a rating cone index of at least the vehicle cone index. With x their difference in psi, the drawbar
+    /// pull over weight is D x / (x + h) (D 0.60, h 15 on wheels; 0.70, 10 on tracks), the rolling resistance
+    /// 0.04 + 0.9 / (x + 3). Speed falls linearly from the strength for fifty passes to that for one (after FM 5-33).
+    pub fn of(vehicle: &Vehicle, soil: SoilClass, moisture_percent: f64) -> Self {
+        let needed = vehicle.cone_index();
+        let strength_kpa = soil.rating_cone_index_kpa(moisture_percent);
+        let excess_psi = match (soil, strength_kpa) {
+            (_, Some(kpa)) => (kpa - needed.one_pass_kpa) / KPA_PER_PSI,
+            (SoilClass::Unknown, None) => UNKNOWN_EXCESS_PSI,
+            // Rock is as firm as ground gets.
+            _ => 300.0 - needed.one_pass_kpa / KPA_PER_PSI,
+        };
+        let go = soil != SoilClass::None && excess_psi >= 0.0;
+        let (most, half) = match vehicle.running_gear {
+            RunningGear::Wheels(_) => (0.60, 15.0),
+            RunningGear::Tracks(_) => (0.70, 10.0),
+        };
+        let x = excess_psi.max(0.0);
+        let speed_share = strength_kpa.map_or(1.0, |kpa| {
+            let range = needed.fifty_passes_kpa - needed.one_pass_kpa;
+            ((kpa - needed.one_pass_kpa) / range).clamp(LEAST_SOIL_SPEED, 1.0)
+        });
+        let rolling_resistance = 0.04 + 0.9 / (x + 3.0);
+        let drawbar_grade = (most * x / (x + half)).min(vehicle.traction_friction - rolling_resistance);
+        Self {
+            go,
+            drawbar_grade: drawbar_grade.max(0.0),
+            rolling_resistance,
+            speed_mps: vehicle.max_speed_mps * speed_share,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vehicle::fixtures;
     use proptest::prelude::*;
     use rstest::rstest;
 
@@ -148,11 +203,30 @@ mod tests {
 
     proptest! {
         #[test]
+        fn wetter_clay_is_never_easier(w in 5.0f64..80.0) {
+            let vehicle = fixtures::tractor();
+            let dry = Trafficability::of(&vehicle, SoilClass::Clay, w);
+            let wet = Trafficability::of(&vehicle, SoilClass::Clay, w + 2.0);
+            prop_assert!(dry.go || !wet.go);
+            prop_assert!(wet.speed_mps <= dry.speed_mps && wet.drawbar_grade <= dry.drawbar_grade);
+            prop_assert!(wet.rolling_resistance >= dry.rolling_resistance);
+        }
+
+        #[test]
         fn fine_soils_never_gain_strength_from_water(w in 1.0f64..199.0) {
             for class in [SoilClass::Silt, SoilClass::Clay] {
                 let [dry, wet] = [w, w + 1.0].map(|w| class.rating_cone_index_kpa(w).unwrap());
                 prop_assert!(wet <= dry);
             }
+        }
+    }
+
+    #[test]
+    fn rock_and_unknown_soil_never_gate_and_no_ground_always_does() {
+        for vehicle in [fixtures::pioneer(), fixtures::tractor()] {
+            assert!(Trafficability::of(&vehicle, SoilClass::Rock, 200.0).go);
+            assert!(Trafficability::of(&vehicle, SoilClass::Unknown, 200.0).go);
+            assert!(!Trafficability::of(&vehicle, SoilClass::None, 1.0).go);
         }
     }
 

@@ -2,23 +2,17 @@
 //!
 //! Sources: mobility index and vehicle cone index after FM 5-430-00-1 (as restated by Wong et al. 2020), the deflection
 //! factor after Priddy and Willoughby 2006; the rule for small vehicles is a Maclaurin-type limiting cone index.
-//! Drawbar pull and rolling resistance over the excess of strength are uncalibrated surrogates of ours.
 
 use thiserror::Error;
 
-use crate::soil::{KPA_PER_PSI, SoilClass};
+/// Kilopascals per pound per square inch.
+pub const KPA_PER_PSI: f64 = 6.894_757;
 
 /// Standard gravity in m/s².
 pub const GRAVITY_MPS2: f64 = 9.806_65;
 
 /// Below this mass the mobility index is far outside what it was calibrated on, and the small-vehicle rule holds.
 const SMALL_VEHICLE_KG: f64 = 500.0;
-
-/// Excess strength in psi that soil of unknown class is taken to have.
-const UNKNOWN_EXCESS_PSI: f64 = 60.0;
-
-/// Slowest speed on soil that still carries the vehicle, as a share of its greatest speed.
-const LEAST_SOIL_SPEED: f64 = 0.1;
 
 /// Wheels of a vehicle, all of them driven.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,19 +124,6 @@ pub struct ConeIndex {
     pub extrapolated: bool,
 }
 
-/// How a vehicle fares on a soil.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trafficability {
-    /// Whether the soil carries it at all.
-    pub go: bool,
-    /// Steepest grade that traction allows.
-    pub drawbar_grade: f64,
-    /// Rolling resistance as a share of the weight.
-    pub rolling_resistance: f64,
-    /// Greatest speed in m/s.
-    pub speed_mps: f64,
-}
-
 impl Vehicle {
     /// Checks every figure.
     ///
@@ -229,40 +210,6 @@ impl Vehicle {
             one_pass_kpa,
             fifty_passes_kpa: (fifty * KPA_PER_PSI).max(1.05 * one_pass_kpa),
             extrapolated: false,
-        }
-    }
-
-    /// How the vehicle fares on a soil of a moisture content in per cent of the dry weight.
-    ///
-    /// Go needs a rating cone index of at least the vehicle cone index. With x their difference in psi, the drawbar
-    /// pull over weight is D x / (x + h) (D 0.60, h 15 on wheels; 0.70, 10 on tracks), the rolling resistance
-    /// 0.04 + 0.9 / (x + 3). Speed falls linearly from the strength for fifty passes to that for one (after FM 5-33).
-    pub fn on_soil(&self, soil: SoilClass, moisture_percent: f64) -> Trafficability {
-        let needed = self.cone_index();
-        let strength_kpa = soil.rating_cone_index_kpa(moisture_percent);
-        let excess_psi = match (soil, strength_kpa) {
-            (_, Some(kpa)) => (kpa - needed.one_pass_kpa) / KPA_PER_PSI,
-            (SoilClass::Unknown, None) => UNKNOWN_EXCESS_PSI,
-            // Rock is as firm as ground gets.
-            _ => 300.0 - needed.one_pass_kpa / KPA_PER_PSI,
-        };
-        let go = soil != SoilClass::None && excess_psi >= 0.0;
-        let (most, half) = match self.running_gear {
-            RunningGear::Wheels(_) => (0.60, 15.0),
-            RunningGear::Tracks(_) => (0.70, 10.0),
-        };
-        let x = excess_psi.max(0.0);
-        let speed_share = strength_kpa.map_or(1.0, |kpa| {
-            let range = needed.fifty_passes_kpa - needed.one_pass_kpa;
-            ((kpa - needed.one_pass_kpa) / range).clamp(LEAST_SOIL_SPEED, 1.0)
-        });
-        let rolling_resistance = 0.04 + 0.9 / (x + 3.0);
-        let drawbar_grade = (most * x / (x + half)).min(self.traction_friction - rolling_resistance);
-        Trafficability {
-            go,
-            drawbar_grade: drawbar_grade.max(0.0),
-            rolling_resistance,
-            speed_mps: self.max_speed_mps * speed_share,
         }
     }
 }
@@ -431,25 +378,6 @@ mod tests {
             let mut heavy = light.clone();
             heavy.mass_kg = mass * 1.2;
             prop_assert!(heavy.cone_index().one_pass_kpa >= light.cone_index().one_pass_kpa);
-        }
-
-        #[test]
-        fn wetter_clay_is_never_easier(w in 5.0f64..80.0) {
-            let vehicle = fixtures::tractor();
-            let dry = vehicle.on_soil(SoilClass::Clay, w);
-            let wet = vehicle.on_soil(SoilClass::Clay, w + 2.0);
-            prop_assert!(dry.go || !wet.go);
-            prop_assert!(wet.speed_mps <= dry.speed_mps && wet.drawbar_grade <= dry.drawbar_grade);
-            prop_assert!(wet.rolling_resistance >= dry.rolling_resistance);
-        }
-    }
-
-    #[test]
-    fn rock_and_unknown_soil_never_gate_and_no_ground_always_does() {
-        for vehicle in [fixtures::pioneer(), fixtures::tractor()] {
-            assert!(vehicle.on_soil(SoilClass::Rock, 200.0).go);
-            assert!(vehicle.on_soil(SoilClass::Unknown, 200.0).go);
-            assert!(!vehicle.on_soil(SoilClass::None, 1.0).go);
         }
     }
 

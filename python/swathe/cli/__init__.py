@@ -80,6 +80,9 @@ def _command(words: list[str], *, as_json: bool, debug: bool) -> int:
         command = "swathe" if context is None else context.command_path
         message = " ".join(error.format_message().replace("Value error, ", "").split())
         return _fail("usage", message, f"Try `{command} --help`.", EXIT_USAGE, as_json=as_json)
+    except UnicodeEncodeError as error:
+        message = f"The name {error.object!r} holds bytes that are no text."
+        return _fail("unreadable_file", message, "Rename the file or folder.", EXIT_UNUSABLE, as_json=as_json)
     except MemoryError:
         remedy = "Choose a smaller window with `--bounds`, or coarser cells with `--cell-size`."
         return _fail("too_large", "The memory does not suffice.", remedy, EXIT_UNUSABLE, as_json=as_json)

@@ -398,6 +398,7 @@ def _terrain(
     memory_limit: float | None,
 ) -> TerrainRequest:
     from swathe.cli import say
+    from swathe.io.memory import limit_of
     from swathe.mission import TerrainRequest
 
     low_high = None if height_range is None else say.numbers("--height-range", height_range, 2)
@@ -412,7 +413,7 @@ def _terrain(
         height_range_m=None if low_high is None else (low_high[0], low_high[1]),
         points_crs=points_crs,
         bounds=None if box is None else (box[0], box[1], box[2], box[3]),
-        memory_limit_bytes=None if memory_limit is None else int(memory_limit * 1e9),
+        memory_limit_bytes=None if memory_limit is None else limit_of(memory_limit),
     )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swathe.errors import TooLargeError
+from swathe.errors import InvalidParameterError, TooLargeError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,11 +47,28 @@ def require_memory(window: Window, cell_size_m: float, names: Sequence[str], lim
     coarser_m = cell_size_m * (cells / max(fits, 1.0)) ** 0.5
     side_km = max(fits, 1.0) ** 0.5 * cell_size_m / 1000
     raise TooLargeError(
-        f"{', '.join(names)}: {window.rows:,} x {window.columns:,} cells would need about {needed / 1e9:,.1f} GB; "
-        f"{allowed / 1e9:,.1f} GB can be used.",
+        f"{', '.join(names)}: {window.rows:,} x {window.columns:,} cells would need about {_shown(needed)}; "
+        f"{_shown(allowed)} can be used.",
         f"Choose a window of up to {side_km:,.1f} km a side with `--bounds`, or coarser cells with "
         f"`--cell-size {_rounded_up(coarser_m):g}`.",
     )
+
+
+def limit_of(gigabytes: float) -> int:
+    """Return a limit in bytes.
+
+    Raises:
+        InvalidParameterError: it is not above zero and finite.
+    """
+    if not 0 < gigabytes < math.inf:
+        raise InvalidParameterError(
+            f"A limit of {gigabytes:g} GB is no limit.", "Give `--memory-limit` in GB, above zero."
+        )
+    return int(gigabytes * 1e9)
+
+
+def _shown(count: float) -> str:
+    return f"{count / 1e9:,.1f} GB" if count >= 1e9 else f"{count / 1e6:,.3g} MB"
 
 
 def _rounded_up(length_m: float) -> float:

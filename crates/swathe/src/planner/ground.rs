@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position, SIXTEEN, Step, pieces, swept_cells};
 use crate::nest::BitRows;
-use crate::soil::SoilClass;
+use crate::soil::{SoilClass, Trafficability};
 use crate::terrain::{allowed_headings, gradient_at};
-use crate::vehicle::{GRAVITY_MPS2, Trafficability, Vehicle};
+use crate::vehicle::{GRAVITY_MPS2, Vehicle};
 
 use super::search::StepGraph;
 
@@ -103,7 +103,7 @@ impl<'a> Ground<'a> {
         goal: Position,
     ) -> Self {
         let geometry = elevation_m.geometry();
-        let soils = SoilClass::ALL.map(|class| vehicle.on_soil(class, moisture_percent));
+        let soils = SoilClass::ALL.map(|class| Trafficability::of(vehicle, class, moisture_percent));
         let radius_m = vehicle.circumscribed_radius_m();
         let templates: Vec<Template> = SIXTEEN
             .iter()

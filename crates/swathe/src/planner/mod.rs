@@ -1,5 +1,6 @@
 //! From nests to a route: search, shortcuts, certificate, and reasons when there is no way.
 
+mod answer;
 mod cells;
 mod ground;
 mod plan;
@@ -8,6 +9,7 @@ mod refusal;
 mod route;
 mod search;
 mod smooth;
+mod spine;
 
 use thiserror::Error;
 
@@ -17,9 +19,10 @@ use crate::nest::NestError;
 use crate::rank::RankError;
 use crate::swarm::SwarmError;
 
+pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
-pub use plan::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain, nest_params, plan};
+pub use plan::plan;
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};
 pub use search::{Search, StepGraph, cost_field, search};

@@ -1,146 +1,26 @@
 //! The whole of planning: corridor, swarm, nests, search, shortcuts, certificate.
 
 use crate::corridor::{ArcKind, Corridor, capsule_half_width_m};
-use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position};
-use crate::nest::{BitRows, NestParams, Nests, exact_nests};
-use crate::progress::silent;
+use crate::grid::{Cell, GridGeometry, Layer, Position};
+use crate::nest::{BitRows, Nests, exact_nests};
 use crate::rank::{CellSource, RankParams, Ranker};
-use crate::swarm::{Colony, Ending, SwarmParams, Tally};
+use crate::swarm::{Colony, Ending};
 use crate::vehicle::Vehicle;
 
-use super::cells::{Algorithm, Corners, shortest_path};
+use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 use super::ground::Ground;
 use super::refusal::{Refusal, Status, blocked_end, disconnected};
 use super::route::Route;
 use super::search::{Search, search};
 use super::smooth::shorten;
+use super::spine::spine;
 use super::{Obstacle, PlannerError};
-
-/// Cells of the map that make one cell of the coarse map on which the arc is laid, per side.
-const COARSE: usize = 8;
 
 /// How far start and goal are moved to reach a nest, in cells.
 const SNAP_CELLS: f64 = 2.0;
 
 /// Ticks after which a swarm that has not finished is taken as it is: far beyond what a swarm that can finish needs.
 const MOST_TICKS: u64 = 100_000_000;
-
-/// Which way regions are found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Method {
-    /// The termite swarm inside the swathe.
-    Swarm,
-    /// One linear pass over the whole map: the oracle.
-    Exact,
-}
-
-/// What is being done, for progress reports.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// Laying the arc.
-    Corridor,
-    /// Finding nests.
-    Regions,
-    /// Searching the way.
-    Route,
-}
-
-/// Called with the stage, the work done and the work expected; false asks to stop.
-pub type StageReport<'a> = dyn FnMut(Stage, u64, u64) -> bool + 'a;
-
-/// The layers that planning reads.
-#[derive(Clone, Copy, Debug)]
-pub struct Terrain<'a> {
-    /// Heights in metres, NaN unknown.
-    pub elevation_m: LayerView<'a, f32>,
-    /// Soil class codes.
-    pub soil: Option<LayerView<'a, u8>>,
-    /// Whether the map goes on beyond these cells, which limits what can be certified.
-    pub map_continues: bool,
-}
-
-/// What is asked of the planner.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlanRequest {
-    /// Where the vehicle is.
-    pub start: Position,
-    /// Where it should go.
-    pub goal: Position,
-    /// How regions are found.
-    pub method: Method,
-    /// The swarm's parameters; its nest parameters hold for the exact method too.
-    pub swarm: SwarmParams,
-    /// How the arc is laid.
-    pub arc: ArcKind,
-    /// Width of the swathe; a quarter of the distance when not given.
-    pub width_m: Option<f64>,
-    /// Whether suitable ground outside the nests may be crossed, at three times the cost, when nothing else connects.
-    pub bridge: bool,
-    /// Whether the swathe is widened until the route is known to be the best of the whole map.
-    pub certify: bool,
-}
-
-/// What the swarm did.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SwarmReport {
-    /// Its tally.
-    pub tally: Tally,
-    /// How often the swathe was widened.
-    pub widened: u32,
-}
-
-/// The planner's answer.
-#[derive(Clone, Debug)]
-pub struct Plan {
-    /// Route or refusal.
-    pub answer: Result<Route, Refusal>,
-    /// Cells of the way before shortcuts.
-    pub path: Vec<Cell>,
-    /// Cost of that way in seconds.
-    pub path_cost: Option<f64>,
-    /// Nothing can cost less than this.
-    pub cost_lower_bound: Option<f64>,
-    /// Whether the way is known to be the best of the whole map.
-    pub optimal: bool,
-    /// Where the start was moved to, with the distance.
-    pub start: Option<(Position, f64)>,
-    /// Where the goal was moved to, with the distance.
-    pub goal: Option<(Position, f64)>,
-    /// The nests.
-    pub nests: Option<Nests>,
-    /// The corridor (swarm only).
-    pub corridor: Option<Corridor>,
-    /// What the swarm did (swarm only).
-    pub swarm: Option<SwarmReport>,
-    /// Cells whose rank was asked for, those of the coarse map included.
-    pub cells_evaluated: u64,
-}
-
-impl Plan {
-    fn empty() -> Self {
-        Self {
-            answer: Ok(Route {
-                legs: Vec::new(),
-                total: super::SegmentFacts::default(),
-            }),
-            path: Vec::new(),
-            path_cost: None,
-            cost_lower_bound: None,
-            optimal: false,
-            start: None,
-            goal: None,
-            nests: None,
-            corridor: None,
-            swarm: None,
-            cells_evaluated: 0,
-        }
-    }
-
-    fn refused(mut self, refusal: Refusal) -> Self {
-        self.answer = Err(refusal);
-        self
-    }
-}
 
 /// Plans a route over ranked terrain.
 ///
@@ -238,11 +118,13 @@ impl Planner<'_> {
         }
         let [start, goal] = self.places();
         let mut coarse_cells = 0;
-        let mut corridor = Corridor::lay(geometry, start, goal, self.request.arc, self.request.width_m, || {
-            let (spine, cells) = self.spine();
-            coarse_cells = cells;
-            spine
-        })?;
+        let mut points = None;
+        if self.request.arc == ArcKind::Spine {
+            let found = spine(self.terrain, self.vehicle, self.params, [start, goal])?;
+            (points, coarse_cells) = (found.points, found.cells_evaluated);
+        }
+        let (arc, width_m) = (self.request.arc, self.request.width_m);
+        let mut corridor = Corridor::lay(geometry, start, goal, arc, width_m, || points)?;
         let mut inside = corridor.cells(geometry);
         let mut colony = Colony::deploy(self.ranker, &inside, self.request.swarm)?;
         colony.watch(self.ends[0], self.ends[1]);
@@ -286,76 +168,6 @@ impl Planner<'_> {
         let steps = self.request.swarm.nest.vicinity.steps().unwrap_or_default();
         let reach = steps.iter().map(|step| step.rows.abs()).max().unwrap_or(0);
         (SNAP_CELLS + 2.0 * f64::from(reach) + 1.0) * 2f64.sqrt() * self.geometry().cell_size_m()
-    }
-
-    /// The cheapest way on a coarse map on which nothing but unknown ground is closed, and the cells that it looked at.
-    fn spine(&self) -> (Option<Vec<Position>>, u64) {
-        let geometry = self.geometry();
-        let (rows, columns) = (geometry.rows().div_ceil(COARSE), geometry.columns().div_ceil(COARSE));
-        let coarse = GridGeometry::new(
-            rows,
-            columns,
-            geometry.cell_size_m() * COARSE as f64,
-            geometry.west_m(),
-            geometry.north_m(),
-        );
-        let Ok(coarse) = coarse else { return (None, 0) };
-        let elevation = coarse_mean(self.terrain.elevation_m, coarse);
-        let soil = self.terrain.soil.map(|soil| {
-            let centre = |cell: Cell| {
-                Cell::new(
-                    (cell.row * COARSE + COARSE / 2).min(geometry.rows() - 1),
-                    (cell.column * COARSE + COARSE / 2).min(geometry.columns() - 1),
-                )
-            };
-            coarse.cells().map(|cell| soil[centre(cell)]).collect::<Vec<u8>>()
-        });
-        let soil = soil.and_then(|soil| Layer::new(coarse, soil, "the soil").ok());
-        let params = RankParams {
-            profile: crate::rank::Profile::Metric,
-            ..*self.params
-        };
-        let ranker = Ranker::new(
-            elevation.view(),
-            soil.as_ref().map(Layer::view),
-            None,
-            None,
-            self.vehicle,
-            params,
-        );
-        let Ok(ranker) = ranker else { return (None, 0) };
-        let map = ranker.rank_all();
-        let costs = map.cells().data().iter().map(|found| match found.rank() {
-            0 => f64::INFINITY,
-            1 => 6.0,
-            rank => 1.0 + 0.3 * (10.0 - f64::from(rank)),
-        });
-        let costs = Layer::new(coarse, costs.collect(), "the costs");
-        let way = costs.ok().and_then(|costs| {
-            let [start, goal] = self.places().map(|place| coarse.cell_at(place));
-            let found = shortest_path(
-                costs.view(),
-                start?,
-                goal?,
-                16,
-                Corners::Cut,
-                Algorithm::Auto,
-                &mut silent(),
-            );
-            match found {
-                Ok(Search::Found { cells, .. }) => Some(cells),
-                _ => None,
-            }
-        });
-        let points = way.map(|cells| {
-            let [start, goal] = self.places();
-            let inner = cells.iter().skip(1).take(cells.len().saturating_sub(2));
-            let mut points = vec![start];
-            points.extend(inner.map(|&cell| coarse.centre(cell)));
-            points.push(goal);
-            points
-        });
-        (points, coarse.cell_count() as u64)
     }
 
     /// The nest cells nearest to start and goal. On the whole map, where no wider swathe can connect them, a pair a little
@@ -606,271 +418,5 @@ fn join(ground: &Ground, mut points: Vec<Position>, start: Position, goal: Posit
     points
 }
 
-/// Means of the known heights of coarse cells; NaN where none is known.
-fn coarse_mean(elevation_m: LayerView<f32>, coarse: GridGeometry) -> Layer<f32> {
-    let geometry = elevation_m.geometry();
-    let data = coarse.cells().map(|cell| {
-        let (mut sum, mut count) = (0.0, 0u32);
-        for row in (cell.row * COARSE..(cell.row + 1) * COARSE).take_while(|&row| row < geometry.rows()) {
-            let from = cell.column * COARSE;
-            let to = (from + COARSE).min(geometry.columns());
-            for &height in &elevation_m.row(row)[from..to] {
-                if height.is_finite() {
-                    sum += f64::from(height);
-                    count += 1;
-                }
-            }
-        }
-        (sum / f64::from(count)) as f32
-    });
-    let mut means = Layer::filled(coarse, f32::NAN);
-    for (mean, value) in means.data_mut().iter_mut().zip(data) {
-        *mean = value;
-    }
-    means
-}
-
-/// Nest parameters under which a ranking's own lowest suitable rank holds.
-pub fn nest_params(params: &RankParams) -> NestParams {
-    NestParams {
-        rank_min: params.rank_min(),
-        ..NestParams::default()
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::soil::SoilClass;
-    use crate::vehicle::fixtures::pioneer;
-    use proptest::prelude::*;
-
-    /// A world as text, 10 m cells: '.' level ground, a digit a height in 40 m, '~' water, '?' unknown elevation.
-    fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
-        let geometry = GridGeometry::new(rows.len(), rows[0].len(), 10.0, 0.0, 0.0).unwrap();
-        let bytes: Vec<u8> = rows.iter().flat_map(|row| row.bytes()).collect();
-        let heights = bytes.iter().map(|byte| match byte {
-            b'1'..=b'9' => 40.0 * f32::from(*byte - b'0'),
-            b'?' => f32::NAN,
-            _ => 0.0,
-        });
-        let soils = bytes.iter().map(|byte| {
-            let class = if *byte == b'~' {
-                SoilClass::None
-            } else {
-                SoilClass::Sand
-            };
-            class as u8
-        });
-        (
-            Layer::new(geometry, heights.collect(), "z").unwrap(),
-            Layer::new(geometry, soils.collect(), "soil").unwrap(),
-        )
-    }
-
-    fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
-        PlanRequest {
-            start: geometry.centre(Cell::new(start.0, start.1)),
-            goal: geometry.centre(Cell::new(goal.0, goal.1)),
-            method: Method::Swarm,
-            swarm: SwarmParams {
-                agents: 64,
-                ..SwarmParams::default()
-            },
-            arc: ArcKind::Spine,
-            width_m: None,
-            bridge: false,
-            certify: false,
-        }
-    }
-
-    fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
-        let (elevation, soil) = layers;
-        let vehicle = pioneer();
-        let params = RankParams::default();
-        let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
-        let terrain = Terrain {
-            elevation_m: elevation.view(),
-            soil: Some(soil.view()),
-            map_continues: false,
-        };
-        plan(terrain, &ranker, &vehicle, &params, request, &mut |_, _, _| true).unwrap()
-    }
-
-    const LAKE: [&str; 12] = [
-        "....................",
-        "....................",
-        "....................",
-        "....................",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-    ];
-
-    const RIVER: [&str; 6] = [
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-        "........~~..........",
-    ];
-
-    #[test]
-    fn the_way_leads_around_water() {
-        let layers = world(&LAKE);
-        let ask = request(layers.0.geometry(), (9, 3), (9, 15));
-        let found = solve(&layers, &ask);
-        let route = found.answer.unwrap();
-        assert!(route.total.length_m > 150.0 && route.total.length_m < 240.0);
-        assert!(
-            route.legs.iter().any(|leg| leg.reason.contains("water or peat")),
-            "{route:?}"
-        );
-        let exact = solve(
-            &layers,
-            &PlanRequest {
-                method: Method::Exact,
-                ..ask
-            },
-        );
-        assert!(exact.optimal);
-        approx::assert_relative_eq!(exact.path_cost.unwrap(), found.path_cost.unwrap(), epsilon = 1e-9);
-    }
-
-    #[test]
-    fn a_river_is_a_reasoned_refusal() {
-        let layers = world(&RIVER);
-        let found = solve(&layers, &request(layers.0.geometry(), (3, 2), (3, 17)));
-        let refusal = found.answer.unwrap_err();
-        assert_eq!(refusal.status, Status::NoRoute);
-        assert!(refusal.reason.contains("water or peat"), "{}", refusal.reason);
-        let place = refusal.place.unwrap();
-        assert!((80.0..100.0).contains(&place.x_m), "{place:?}");
-        assert!(!refusal.remedy.is_empty());
-    }
-
-    #[test]
-    fn a_passage_too_narrow_for_a_nest_can_be_bridged() {
-        let mut rows = RIVER.to_vec();
-        rows[3] = "....................";
-        let layers = world(&rows);
-        let ask = request(layers.0.geometry(), (3, 2), (3, 17));
-        let refusal = solve(&layers, &ask).answer.unwrap_err();
-        assert!(refusal.remedy.contains("--bridge"), "{refusal:?}");
-        let bridged = solve(&layers, &PlanRequest { bridge: true, ..ask });
-        let total = bridged.answer.unwrap().total;
-        assert!(total.bridged_m > 10.0 && total.cost > total.time_s);
-        assert!(!bridged.optimal);
-    }
-
-    #[test]
-    fn ends_are_moved_to_near_ground_or_refused() {
-        let layers = world(&LAKE);
-        let geometry = layers.0.geometry();
-        let near = solve(&layers, &request(geometry, (9, 8), (9, 2)));
-        assert!((5.0..25.0).contains(&near.start.unwrap().1));
-        assert!(near.answer.is_ok());
-        let cliffs = world(&[
-            "....1234321....",
-            "....1234321....",
-            "....1234321....",
-            "....1234321....",
-        ]);
-        let ask = |start, goal| solve(&cliffs, &request(cliffs.0.geometry(), start, goal));
-        let refusal = ask((1, 1), (1, 8)).answer.unwrap_err();
-        assert_eq!(refusal.status, Status::GoalBlocked);
-        assert!(refusal.reason.contains("too steep"), "{refusal:?}");
-        assert_eq!(ask((1, 8), (1, 1)).answer.unwrap_err().status, Status::StartBlocked);
-        let mut away = request(geometry, (1, 1), (2, 2));
-        away.goal = Position::new(5000.0, -50.0);
-        let refusal = solve(&layers, &away).answer.unwrap_err();
-        assert_eq!(refusal.status, Status::OutsideMap);
-        assert!(refusal.reason.contains("4800 m outside"), "{refusal:?}");
-    }
-
-    #[test]
-    fn a_start_that_is_the_goal_is_a_route_of_no_length() {
-        let layers = world(&LAKE);
-        let found = solve(&layers, &request(layers.0.geometry(), (2, 2), (2, 2)));
-        let route = found.answer.unwrap();
-        assert_eq!((route.legs.len(), route.total.length_m), (0, 0.0));
-    }
-
-    #[test]
-    fn a_void_is_no_ground() {
-        let mut rows = LAKE.map(|row| row.replace('~', "?")).to_vec();
-        rows[0] = "........??..........".to_owned();
-        let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
-        let layers = world(&rows);
-        let route = solve(&layers, &request(layers.0.geometry(), (9, 3), (9, 15)))
-            .answer
-            .unwrap();
-        for leg in &route.legs {
-            for end in [leg.from, leg.to] {
-                assert!(layers.0[layers.0.geometry().cell_at(end).unwrap()].is_finite());
-            }
-        }
-    }
-
-    #[test]
-    fn a_stop_is_heard_in_every_stage() {
-        let layers = world(&LAKE);
-        let (elevation, soil) = &layers;
-        let vehicle = pioneer();
-        let params = RankParams::default();
-        let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
-        let terrain = Terrain {
-            elevation_m: elevation.view(),
-            soil: None,
-            map_continues: false,
-        };
-        let ask = request(elevation.geometry(), (9, 3), (9, 15));
-        for stage in [Stage::Corridor, Stage::Regions, Stage::Route] {
-            let found = plan(terrain, &ranker, &vehicle, &params, &ask, &mut |at, _, _| at != stage);
-            assert_eq!(found.unwrap_err(), PlannerError::Stopped, "{stage:?}");
-        }
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
-
-        #[test]
-        fn a_certified_swarm_route_costs_what_the_exact_route_costs(
-            seed: u64, a in 0usize..900, b in 0usize..900, holes in 0u32..6,
-        ) {
-            let geometry = GridGeometry::new(30, 30, 10.0, 0.0, 0.0).unwrap();
-            let cells = geometry.cells().map(|cell| {
-                let draw = crate::random::philox([geometry.index(cell) as u32, 3, 0, 0], seed);
-                if draw[0] % 100 < holes { SoilClass::None as u8 } else { (draw[1] % 5) as u8 }
-            });
-            let layers = (
-                Layer::filled(geometry, 5.0f32),
-                Layer::new(geometry, cells.collect(), "soil").unwrap(),
-            );
-            let (a, b) = (geometry.cell(a), geometry.cell(b));
-            let mut ask = request(geometry, (a.row, a.column), (b.row, b.column));
-            ask.certify = true;
-            ask.width_m = Some(80.0);
-            let swarm = solve(&layers, &ask);
-            let exact = solve(&layers, &PlanRequest { method: Method::Exact, ..ask });
-            match (&swarm.answer, &exact.answer) {
-                (Ok(route), Ok(best)) => {
-                    prop_assert!(swarm.optimal && exact.optimal);
-                    let (found, least) = (swarm.path_cost.unwrap(), exact.path_cost.unwrap());
-                    prop_assert!((found - least).abs() <= 1e-9 * least.max(1.0), "{found} {least}");
-                    prop_assert!(route.total.cost <= found * (1.0 + 1e-9) + 20.0);
-                    prop_assert!(route.total.cost >= swarm.cost_lower_bound.unwrap() * (1.0 - 1e-9));
-                    prop_assert_eq!(best.legs.is_empty(), route.legs.is_empty());
-                }
-                (Err(refusal), Err(other)) => prop_assert_eq!(refusal.status, other.status),
-                (found, least) => prop_assert!(false, "{:?} {:?}", found, least),
-            }
-        }
-    }
-}
+mod tests;

@@ -1,6 +1,6 @@
 //! The metric profile's goodness of slope and roughness, and the tables that make ranking a look-up.
 
-use crate::soil::SoilClass;
+use crate::soil::{SoilClass, Trafficability};
 use crate::terrain::Roughness;
 use crate::vehicle::Vehicle;
 
@@ -43,7 +43,7 @@ impl Criteria {
                 (SoilClass::Unknown, UnknownSoil::Avoid) => (class, true),
                 _ => (class, false),
             };
-            let traffic = vehicle.on_soil(effective, params.moisture_percent);
+            let traffic = Trafficability::of(vehicle, effective, params.moisture_percent);
             let gate = match effective {
                 _ if avoided => Some(Reason::UnknownSoil),
                 SoilClass::None => Some(Reason::NoGround),

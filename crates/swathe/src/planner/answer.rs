@@ -1,0 +1,127 @@
+//! What is asked of the planner and what it answers.
+
+use crate::corridor::{ArcKind, Corridor};
+use crate::grid::{Cell, LayerView, Position};
+use crate::nest::Nests;
+use crate::swarm::{SwarmParams, Tally};
+
+use super::SegmentFacts;
+use super::refusal::Refusal;
+use super::route::Route;
+
+/// Which way regions are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// The termite swarm inside the swathe.
+    Swarm,
+    /// One linear pass over the whole map: the oracle.
+    Exact,
+}
+
+/// What is being done, for progress reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Laying the arc.
+    Corridor,
+    /// Finding nests.
+    Regions,
+    /// Searching the way.
+    Route,
+}
+
+/// Called with the stage, the work done and the work expected; false asks to stop.
+pub type StageReport<'a> = dyn FnMut(Stage, u64, u64) -> bool + 'a;
+
+/// The layers that planning reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Terrain<'a> {
+    /// Heights in metres, NaN unknown.
+    pub elevation_m: LayerView<'a, f32>,
+    /// Soil class codes.
+    pub soil: Option<LayerView<'a, u8>>,
+    /// Whether the map goes on beyond these cells, which limits what can be certified.
+    pub map_continues: bool,
+}
+
+/// What is asked of the planner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanRequest {
+    /// Where the vehicle is.
+    pub start: Position,
+    /// Where it should go.
+    pub goal: Position,
+    /// How regions are found.
+    pub method: Method,
+    /// The swarm's parameters; its nest parameters hold for the exact method too.
+    pub swarm: SwarmParams,
+    /// How the arc is laid.
+    pub arc: ArcKind,
+    /// Width of the swathe; a quarter of the distance when not given.
+    pub width_m: Option<f64>,
+    /// Whether suitable ground outside the nests may be crossed, at three times the cost, when nothing else connects.
+    pub bridge: bool,
+    /// Whether the swathe is widened until the route is known to be the best of the whole map.
+    pub certify: bool,
+}
+
+/// What the swarm did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SwarmReport {
+    /// Its tally.
+    pub tally: Tally,
+    /// How often the swathe was widened.
+    pub widened: u32,
+}
+
+/// The planner's answer.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Route or refusal.
+    pub answer: Result<Route, Refusal>,
+    /// Cells of the way before shortcuts.
+    pub path: Vec<Cell>,
+    /// Cost of that way in seconds.
+    pub path_cost: Option<f64>,
+    /// Nothing can cost less than this.
+    pub cost_lower_bound: Option<f64>,
+    /// Whether the way is known to be the best of the whole map.
+    pub optimal: bool,
+    /// Where the start was moved to, with the distance.
+    pub start: Option<(Position, f64)>,
+    /// Where the goal was moved to, with the distance.
+    pub goal: Option<(Position, f64)>,
+    /// The nests.
+    pub nests: Option<Nests>,
+    /// The corridor (swarm only).
+    pub corridor: Option<Corridor>,
+    /// What the swarm did (swarm only).
+    pub swarm: Option<SwarmReport>,
+    /// Cells whose rank was asked for, those of the coarse map included.
+    pub cells_evaluated: u64,
+}
+
+impl Plan {
+    pub(super) fn empty() -> Self {
+        Self {
+            answer: Ok(Route {
+                legs: Vec::new(),
+                total: SegmentFacts::default(),
+            }),
+            path: Vec::new(),
+            path_cost: None,
+            cost_lower_bound: None,
+            optimal: false,
+            start: None,
+            goal: None,
+            nests: None,
+            corridor: None,
+            swarm: None,
+            cells_evaluated: 0,
+        }
+    }
+
+    pub(super) fn refused(mut self, refusal: Refusal) -> Self {
+        self.answer = Err(refusal);
+        self
+    }
+}

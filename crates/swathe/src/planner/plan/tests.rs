@@ -1,0 +1,236 @@
+//! Planning on drawn worlds, and the swarm beside the exact method.
+
+use super::*;
+use crate::soil::SoilClass;
+use crate::swarm::SwarmParams;
+use crate::vehicle::fixtures::pioneer;
+use proptest::prelude::*;
+
+/// A world as text, 10 m cells: '.' level ground, a digit a height in 40 m, '~' water, '?' unknown elevation.
+fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
+    let geometry = GridGeometry::new(rows.len(), rows[0].len(), 10.0, 0.0, 0.0).unwrap();
+    let bytes: Vec<u8> = rows.iter().flat_map(|row| row.bytes()).collect();
+    let heights = bytes.iter().map(|byte| match byte {
+        b'1'..=b'9' => 40.0 * f32::from(*byte - b'0'),
+        b'?' => f32::NAN,
+        _ => 0.0,
+    });
+    let soils = bytes.iter().map(|byte| {
+        let class = if *byte == b'~' {
+            SoilClass::None
+        } else {
+            SoilClass::Sand
+        };
+        class as u8
+    });
+    (
+        Layer::new(geometry, heights.collect(), "z").unwrap(),
+        Layer::new(geometry, soils.collect(), "soil").unwrap(),
+    )
+}
+
+fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
+    PlanRequest {
+        start: geometry.centre(Cell::new(start.0, start.1)),
+        goal: geometry.centre(Cell::new(goal.0, goal.1)),
+        method: Method::Swarm,
+        swarm: SwarmParams {
+            agents: 64,
+            ..SwarmParams::default()
+        },
+        arc: ArcKind::Spine,
+        width_m: None,
+        bridge: false,
+        certify: false,
+    }
+}
+
+fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
+    let (elevation, soil) = layers;
+    let vehicle = pioneer();
+    let params = RankParams::default();
+    let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
+    let terrain = Terrain {
+        elevation_m: elevation.view(),
+        soil: Some(soil.view()),
+        map_continues: false,
+    };
+    plan(terrain, &ranker, &vehicle, &params, request, &mut |_, _, _| true).unwrap()
+}
+
+const LAKE: [&str; 12] = [
+    "....................",
+    "....................",
+    "....................",
+    "....................",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+];
+
+const RIVER: [&str; 6] = [
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+    "........~~..........",
+];
+
+#[test]
+fn the_way_leads_around_water() {
+    let layers = world(&LAKE);
+    let ask = request(layers.0.geometry(), (9, 3), (9, 15));
+    let found = solve(&layers, &ask);
+    let route = found.answer.unwrap();
+    assert!(route.total.length_m > 150.0 && route.total.length_m < 240.0);
+    assert!(
+        route.legs.iter().any(|leg| leg.reason.contains("water or peat")),
+        "{route:?}"
+    );
+    let exact = solve(
+        &layers,
+        &PlanRequest {
+            method: Method::Exact,
+            ..ask
+        },
+    );
+    assert!(exact.optimal);
+    approx::assert_relative_eq!(exact.path_cost.unwrap(), found.path_cost.unwrap(), epsilon = 1e-9);
+}
+
+#[test]
+fn a_river_is_a_reasoned_refusal() {
+    let layers = world(&RIVER);
+    let found = solve(&layers, &request(layers.0.geometry(), (3, 2), (3, 17)));
+    let refusal = found.answer.unwrap_err();
+    assert_eq!(refusal.status, Status::NoRoute);
+    assert!(refusal.reason.contains("water or peat"), "{}", refusal.reason);
+    let place = refusal.place.unwrap();
+    assert!((80.0..100.0).contains(&place.x_m), "{place:?}");
+    assert!(!refusal.remedy.is_empty());
+}
+
+#[test]
+fn a_passage_too_narrow_for_a_nest_can_be_bridged() {
+    let mut rows = RIVER.to_vec();
+    rows[3] = "....................";
+    let layers = world(&rows);
+    let ask = request(layers.0.geometry(), (3, 2), (3, 17));
+    let refusal = solve(&layers, &ask).answer.unwrap_err();
+    assert!(refusal.remedy.contains("--bridge"), "{refusal:?}");
+    let bridged = solve(&layers, &PlanRequest { bridge: true, ..ask });
+    let total = bridged.answer.unwrap().total;
+    assert!(total.bridged_m > 10.0 && total.cost > total.time_s);
+    assert!(!bridged.optimal);
+}
+
+#[test]
+fn ends_are_moved_to_near_ground_or_refused() {
+    let layers = world(&LAKE);
+    let geometry = layers.0.geometry();
+    let near = solve(&layers, &request(geometry, (9, 8), (9, 2)));
+    assert!((5.0..25.0).contains(&near.start.unwrap().1));
+    assert!(near.answer.is_ok());
+    let cliffs = world(&[
+        "....1234321....",
+        "....1234321....",
+        "....1234321....",
+        "....1234321....",
+    ]);
+    let ask = |start, goal| solve(&cliffs, &request(cliffs.0.geometry(), start, goal));
+    let refusal = ask((1, 1), (1, 8)).answer.unwrap_err();
+    assert_eq!(refusal.status, Status::GoalBlocked);
+    assert!(refusal.reason.contains("too steep"), "{refusal:?}");
+    assert_eq!(ask((1, 8), (1, 1)).answer.unwrap_err().status, Status::StartBlocked);
+    let mut away = request(geometry, (1, 1), (2, 2));
+    away.goal = Position::new(5000.0, -50.0);
+    let refusal = solve(&layers, &away).answer.unwrap_err();
+    assert_eq!(refusal.status, Status::OutsideMap);
+    assert!(refusal.reason.contains("4800 m outside"), "{refusal:?}");
+}
+
+#[test]
+fn a_start_that_is_the_goal_is_a_route_of_no_length() {
+    let layers = world(&LAKE);
+    let found = solve(&layers, &request(layers.0.geometry(), (2, 2), (2, 2)));
+    let route = found.answer.unwrap();
+    assert_eq!((route.legs.len(), route.total.length_m), (0, 0.0));
+}
+
+#[test]
+fn a_void_is_no_ground() {
+    let mut rows = LAKE.map(|row| row.replace('~', "?")).to_vec();
+    rows[0] = "........??..........".to_owned();
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let layers = world(&rows);
+    let route = solve(&layers, &request(layers.0.geometry(), (9, 3), (9, 15)))
+        .answer
+        .unwrap();
+    for leg in &route.legs {
+        for end in [leg.from, leg.to] {
+            assert!(layers.0[layers.0.geometry().cell_at(end).unwrap()].is_finite());
+        }
+    }
+}
+
+#[test]
+fn a_stop_is_heard_in_every_stage() {
+    let layers = world(&LAKE);
+    let (elevation, soil) = &layers;
+    let vehicle = pioneer();
+    let params = RankParams::default();
+    let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
+    let terrain = Terrain {
+        elevation_m: elevation.view(),
+        soil: None,
+        map_continues: false,
+    };
+    let ask = request(elevation.geometry(), (9, 3), (9, 15));
+    for stage in [Stage::Corridor, Stage::Regions, Stage::Route] {
+        let found = plan(terrain, &ranker, &vehicle, &params, &ask, &mut |at, _, _| at != stage);
+        assert_eq!(found.unwrap_err(), PlannerError::Stopped, "{stage:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_certified_swarm_route_costs_what_the_exact_route_costs(
+        seed: u64, a in 0usize..900, b in 0usize..900, holes in 0u32..6,
+    ) {
+        let geometry = GridGeometry::new(30, 30, 10.0, 0.0, 0.0).unwrap();
+        let cells = geometry.cells().map(|cell| {
+            let draw = crate::random::philox([geometry.index(cell) as u32, 3, 0, 0], seed);
+            if draw[0] % 100 < holes { SoilClass::None as u8 } else { (draw[1] % 5) as u8 }
+        });
+        let layers = (
+            Layer::filled(geometry, 5.0f32),
+            Layer::new(geometry, cells.collect(), "soil").unwrap(),
+        );
+        let (a, b) = (geometry.cell(a), geometry.cell(b));
+        let mut ask = request(geometry, (a.row, a.column), (b.row, b.column));
+        ask.certify = true;
+        ask.width_m = Some(80.0);
+        let swarm = solve(&layers, &ask);
+        let exact = solve(&layers, &PlanRequest { method: Method::Exact, ..ask });
+        match (&swarm.answer, &exact.answer) {
+            (Ok(route), Ok(best)) => {
+                prop_assert!(swarm.optimal && exact.optimal);
+                let (found, least) = (swarm.path_cost.unwrap(), exact.path_cost.unwrap());
+                prop_assert!((found - least).abs() <= 1e-9 * least.max(1.0), "{found} {least}");
+                prop_assert!(route.total.cost <= found * (1.0 + 1e-9) + 20.0);
+                prop_assert!(route.total.cost >= swarm.cost_lower_bound.unwrap() * (1.0 - 1e-9));
+                prop_assert_eq!(best.legs.is_empty(), route.legs.is_empty());
+            }
+            (Err(refusal), Err(other)) => prop_assert_eq!(refusal.status, other.status),
+            (found, least) => prop_assert!(false, "{:?} {:?}", found, least),
+        }
+    }
+}
