@@ -140,6 +140,14 @@ def test_coarser_cells_are_means_of_whole_groups(tmp_path: Path, factor: int) ->
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("cell_m", [11.0, 17.0, 19.9])
+def test_cells_up_to_twice_as_large_are_interpolated_exactly(tmp_path: Path, cell_m: float) -> None:
+    at = Affine(10, 0, WEST, 0, -10, NORTH)
+    path = write(tmp_path / "plane.tif", plane(0.5, 0.25), transform=at)
+    with open_elevation([str(path)], cell_size_m=cell_m) as source:
+        assert plane_error_m(source, 0.5, 0.25, at, UTM16) < 1e-4
+
+
 def test_a_much_coarser_map_is_made_in_pieces_of_the_same_means(tmp_path: Path) -> None:
     heights = hills(1280, 640)
     path = write(tmp_path / "dem.tif", heights)

@@ -47,8 +47,9 @@ class Corridor:
         half_m = self.width_m / 2
         points = self.arc_xy_m if len(self.arc_xy_m) > 1 else np.repeat(self.arc_xy_m, 2, axis=0)
         for a, b in itertools.pairwise(points):
-            # Only the box around a segment can hold cells within reach of it.
-            low, high = np.minimum(a, b) - half_m, np.maximum(a, b) + half_m
+            # Only the box around a segment can hold cells within reach of it; a cell more, lest rounding decides.
+            reach_m = half_m + geometry.cell_size_m
+            low, high = np.minimum(a, b) - reach_m, np.maximum(a, b) + reach_m
             wide = slice(*np.searchsorted(columns, (low[0], high[0])))
             tall = slice(*np.searchsorted(-rows, (-high[1], -low[1])))
             x_m, y_m = columns[wide][None, :], rows[tall][:, None]

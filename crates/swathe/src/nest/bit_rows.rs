@@ -32,6 +32,34 @@ impl BitRows {
         mask
     }
 
+    /// The cells whose byte, after `byte`, is at least `least` (both below 128), eight cells at a time.
+    pub fn at_least<T: Sync>(geometry: GridGeometry, cells: &[T], least: u8, byte: impl Fn(&T) -> u8 + Sync) -> Self {
+        const HIGH: u64 = 0x8080_8080_8080_8080;
+        // Adding this to a byte below 128 sets its high bit exactly when the byte is at least `least`.
+        let lift = u64::from_ne_bytes([0x80 - least; 8]);
+        let mut mask = Self::empty(geometry);
+        let columns = mask.columns;
+        mask.data
+            .par_chunks_mut(mask.words)
+            .enumerate()
+            .for_each(|(row, words)| {
+                let cells = &cells[row * columns..(row + 1) * columns];
+                for (word, cells) in words.iter_mut().zip(cells.chunks(64)) {
+                    for (place, eight) in cells.chunks(8).enumerate() {
+                        let mut bytes = [0; 8];
+                        for (to, from) in bytes.iter_mut().zip(eight) {
+                            *to = byte(from);
+                        }
+                        let lifted = (u64::from_le_bytes(bytes) + lift) & HIGH;
+                        // The product gathers the eight high bits in its top byte, in order.
+                        let bits = (lifted >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+                        *word |= bits << (8 * place);
+                    }
+                }
+            });
+        mask
+    }
+
     /// A mask of no cell.
     pub fn empty(geometry: GridGeometry) -> Self {
         let words = geometry.columns().div_ceil(64);
@@ -178,6 +206,12 @@ mod tests {
                 });
                 prop_assert_eq!(eroded.get(cell), near(border).all(|set| set));
                 prop_assert_eq!(dilated.get(cell), near(false).any(|set| set));
+            }
+            let bytes: Vec<u8> = geometry.cells().map(|cell| (cell.row * 31 + cell.column * 7) as u8 % 128).collect();
+            let least = (seed % 127) as u8 + 1;
+            let high = BitRows::at_least(geometry, &bytes, least, |byte| *byte);
+            for (cell, byte) in geometry.cells().zip(&bytes) {
+                prop_assert_eq!(high.get(cell), *byte >= least);
             }
             let mut total = 0;
             for row in 0..6 {

@@ -125,15 +125,15 @@ impl RankMap {
     /// # Errors
     /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
     pub fn from_ranks(geometry: GridGeometry, ranks: &[u8]) -> Result<Self, RankError> {
-        let cells = ranks
-            .iter()
-            .map(|&rank| match rank {
-                0 => Ok(CellRank::UNKNOWN),
-                1 => Ok(CellRank::no_go(Reason::None)),
-                2..=10 => Ok(CellRank::ranked(rank)),
-                _ => Err(RankError::Rank { rank }),
-            })
-            .collect::<Result<_, _>>()?;
+        let greatest = ranks.iter().copied().max().unwrap_or(0);
+        if greatest > 10 {
+            return Err(RankError::Rank { rank: greatest });
+        }
+        let cells = ranks.iter().map(|&rank| match rank {
+            0 => CellRank::UNKNOWN,
+            rank => CellRank(rank),
+        });
+        let cells = cells.collect();
         Ok(Self::new(Layer::new(geometry, cells, "the rank map")?))
     }
 
