@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pty
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +21,7 @@ import pytest
 import commands
 import raster_files
 from commands import GOAL, PLAN_FILES, START, way
+from swathe.export.folder import run_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -79,18 +82,17 @@ def test_help_imports_nothing_heavy() -> None:
     code = f"""
 import sys
 from swathe.cli import main
-for words in ([], ["--help"], ["plan", "--help"], ["--version"]):
-    try:
-        main(words)
-    except SystemExit as end:
-        assert end.code == 0
+try:
+    main(["--help"])
+except SystemExit as end:
+    assert end.code == 0
 sys.stderr.write(" ".join(name for name in {HEAVY} if name in sys.modules))
 """
     done = subprocess.run(
         [sys.executable, "-c", code], env=commands.environment(), capture_output=True, text=True, check=True
     )
     assert done.stderr == ""
-    assert done.stdout.count("Usage:") == 3
+    assert done.stdout.startswith("Usage:")
 
 
 def test_plan_prints_one_json_object_with_every_promised_field(here: Path, dem: Path) -> None:
@@ -296,6 +298,28 @@ def test_the_doctor_finds_this_installation_healthy(capsys: pytest.CaptureFixtur
     assert all(check["ok"] for check in answer["checks"])
 
 
+def test_debug_shows_where_an_error_came_from(capsys: pytest.CaptureFixture[str]) -> None:
+    finished = commands.run_here(capsys, *way("no.tif", "--debug"))
+    assert finished.code == 4
+    assert "Traceback" in finished.err
+    assert finished.err.splitlines()[-2].startswith("swathe: no.tif")
+
+
+def test_our_own_bug_is_called_one(
+    here: Path, dem: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise RuntimeError("unforeseen")
+
+    monkeypatch.setattr("swathe.planner.plan", broken)
+    finished = commands.run_here(capsys, *way(dem))
+    assert finished.code == 1
+    assert finished.err.splitlines()[0] == "swathe: Swathe has a bug: RuntimeError: unforeseen"
+    assert "--debug" in finished.err
+    assert list(here.iterdir()) == []
+    assert commands.run_here(capsys, *way(dem, "--json")).answer["kind"] == "bug"
+
+
 class Terminal:
     """A command whose stderr is a terminal."""
 
@@ -402,6 +426,39 @@ def test_after_a_kill_the_same_folder_works_again(large: Path, here: Path, dem: 
     assert {path.name for path in (here / "run").iterdir()} == PLAN_FILES
 
 
+def test_an_interruption_between_two_files_leaves_the_earlier_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "run"
+    summary = json.dumps({"command": "plan", "version": "0", "inputs": []})
+    for run in ("earlier", "later"):
+        with contextlib.suppress(KeyboardInterrupt), run_folder(out) as folder:
+            for name in PLAN_FILES if run == "earlier" else PLAN_FILES - {"profile.png"}:
+                (folder / name).write_text(summary if name == "summary.json" else run)
+            if run == "later":
+                replace, calls = Path.replace, iter(range(100))
+
+                def interrupted(self: Path, target: Path) -> Path:
+                    if next(calls) == 10:  # noqa: B023 - called before the loop goes on
+                        raise KeyboardInterrupt
+                    return replace(self, target)  # noqa: B023
+
+                monkeypatch.setattr(Path, "replace", interrupted)
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        name: summary if name == "summary.json" else "earlier" for name in PLAN_FILES
+    }
+
+
+def test_what_a_killed_run_left_goes_and_what_a_living_run_makes_stays(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    dead, alive = out / ".swathe-part-999999999-00", out / f".swathe-part-{os.getpid()}-00"
+    for folder in (dead, alive):
+        folder.mkdir(parents=True)
+    with run_folder(out) as folder:
+        (folder / "summary.json").write_text("{}")
+    assert {path.name for path in out.iterdir()} == {"summary.json", alive.name}
+
+
 def test_a_reader_that_leaves_early_does_no_harm() -> None:
     ours, theirs = os.pipe()
     os.close(ours)
@@ -423,19 +480,24 @@ def test_an_answer_that_cannot_be_printed_is_no_success() -> None:
 
 
 @pytest.fixture
-def mounted(tmp_path: Path) -> Iterator[Path]:
-    """A file system of one megabyte."""
+def mounted(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
+    """A file system of its own, of the size that the test asks for."""
     place = tmp_path / "small"
     place.mkdir()
+    mount, umount = shutil.which("mount"), shutil.which("umount")
+    if mount is None or umount is None:
+        pytest.skip("This test needs the programs mount and umount.")
+    size = getattr(request, "param", "1m")
     done = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)], capture_output=True, text=True, check=False
+        [mount, "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)], capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
         pytest.skip(f"This test needs root to mount a small file system: {done.stderr.strip()}")
     yield place
-    subprocess.run(["umount", str(place)], check=True)
+    subprocess.run([umount, str(place)], check=True)
 
 
+@pytest.mark.parametrize("mounted", ["4k", "20k", "100k", "400k"], indirect=True)
 def test_a_full_disk_is_refused_and_nothing_stays(mounted: Path, dem: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = mounted / "run"
     finished = commands.run_here(capsys, *way(dem, "--out", str(out)))
@@ -450,7 +512,7 @@ def test_a_full_disk_is_refused_and_nothing_stays(mounted: Path, dem: Path, caps
 def test_a_disk_that_may_not_be_written_is_refused(
     mounted: Path, dem: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    subprocess.run(["mount", "-o", "remount,ro", str(mounted)], check=True)
+    subprocess.run([str(shutil.which("mount")), "-o", "remount,ro", str(mounted)], check=True)
     finished = commands.run_here(capsys, *way(dem, "--out", str(mounted / "run")), "--json")
     assert finished.code == 4
     assert finished.answer["kind"] == "output"

@@ -54,6 +54,11 @@ def huge(folder: Path) -> Path:
     return path
 
 
+def grey(folder: Path) -> Path:
+    """Write a grey picture that lies nowhere."""
+    return raster(folder, "grey.png", np.zeros((60, 60), np.uint8), crs=None, transform=None, driver="PNG")
+
+
 def soil_far_away(folder: Path) -> Path:
     codes = np.ones((20, 20), dtype=np.uint8)
     return raster(folder, "soil.tif", codes, transform=Affine(30, 0, 100_000, 0, -30, 4_000_000))
@@ -107,7 +112,7 @@ CASES: dict[str, Case] = {
         lambda folder: way(commands.hills(folder), "--soil", str(text(folder, "words.gpkg", "hello"))),
         4, "unreadable_file", ("words.gpkg",),
     ),
-    "empty folder": (lambda folder: way(folder), 4, "missing_file", ("no raster",)),
+    "empty folder": (way, 4, "missing_file", ("no raster",)),
     "colour picture": (
         lambda folder: way(raster(folder, bands=np.zeros((3, 60, 60), dtype=np.uint8))),
         4, "not_elevation", ("odd.tif", "3 bands"),
@@ -121,8 +126,7 @@ CASES: dict[str, Case] = {
         4, "missing_crs", ("odd.tif", "--crs", "--cell-size", "--height-range"),
     ),
     "grey picture without a scale": (
-        lambda folder: way(raster(folder, "grey.png", np.zeros((60, 60), np.uint8), crs=None, transform=None, driver="PNG")),
-        4, "missing_crs", ("grey.png", "--cell-size", "--height-range"),
+        lambda folder: way(grey(folder)), 4, "missing_crs", ("grey.png", "--cell-size", "--height-range"),
     ),
     "soil elsewhere": (
         lambda folder: way(commands.hills(folder), "--soil", str(soil_far_away(folder))),
@@ -187,15 +191,12 @@ CASES: dict[str, Case] = {
     "no elevation": (lambda _: ("plan", "--start", "1,2", "--goal", "3,4"), 2, "usage", ("--dem",)),
     "unknown command": (lambda _: ("fly",), 2, "usage", ("fly", "swathe --help")),
     "heights upside down": (
-        lambda folder: way(
-            raster(folder, "grey.png", np.zeros((60, 60), np.uint8), crs=None, transform=None, driver="PNG"),
-            "--cell-size", "5", "--height-range", "200,100",
-        ),
+        lambda folder: way(grey(folder), "--cell-size", "5", "--height-range", "200,100"),
         2, "invalid_parameter", ("200", "100"),
     ),
     "heights of heights": (on_hills("--height-range", "0,100"), 2, "invalid_parameter", ("--height-range",)),
     "bounds elsewhere": (on_hills("--bounds", "0,0,10,10"), 4, "no_overlap", ("0,0,10,10", "hills.tif")),
-    "bounds inside out": (on_hills("--bounds", "742000,0,741000,1"), 2, "invalid_parameter", ("west,south,east,north",)),
+    "bounds inside out": (on_hills("--bounds", "9,0,8,1"), 2, "invalid_parameter", ("west,south,east,north",)),
     "bounds of three": (on_hills("--bounds", "1,2,3"), 2, "usage", ("--bounds", "4 numbers")),
     "no agents": (on_hills("--agents", "0"), 2, "invalid_parameter", ("agents",)),
     "no pellets": (on_hills("--pellets", "0"), 2, "invalid_parameter", ("pellet",)),
@@ -203,12 +204,12 @@ CASES: dict[str, Case] = {
     "no threads": (on_hills("--threads", "0"), 2, "invalid_parameter", ("threads",)),
     "unknown moisture": (on_hills("--moisture", "soggy"), 2, "invalid_parameter", ("soggy", "wet")),
     "moisture below nothing": (on_hills("--moisture", "-4"), 2, "invalid_parameter", ("moisture",)),
-    "unknown soil for the unknown": (on_hills("--unknown-soil", "cheese"), 2, "invalid_parameter", ("cheese", "gravel")),
+    "unknown unknown soil": (on_hills("--unknown-soil", "cheese"), 2, "invalid_parameter", ("cheese", "gravel")),
     "weights beyond one": (on_hills("--weights", "0.9,0.9"), 2, "invalid_parameter", ("weights",)),
     "weights that are no numbers": (on_hills("--weights", "nan,nan"), 2, "invalid_parameter", ("weights",)),
     "width below nothing": (on_hills("--width", "-10"), 2, "invalid_parameter", ("width",)),
     "width that is no number": (on_hills("--width", "nan"), 2, "invalid_parameter", ("width",)),
-    "sagitta that is no number": (on_hills("--arc", "circle", "--sagitta", "nan"), 2, "invalid_parameter", ("sagitta",)),
+    "sagitta of no number": (on_hills("--arc", "circle", "--sagitta", "nan"), 2, "invalid_parameter", ("sagitta",)),
     "grade below nothing": (on_hills("--paper-grade", "-1"), 2, "invalid_parameter", ("grade",)),
     "no server": (lambda _: way("http://127.0.0.1:9/dem.tif"), 4, "unreadable_file", ("dem.tif", "network")),
     "out is a file": (
@@ -224,7 +225,8 @@ CASES: dict[str, Case] = {
     "report of nothing": (lambda folder: ("report", str(folder / "no")), 4, "missing_file", ("no",)),
     "report of a folder without a run": (lambda folder: ("report", str(folder)), 4, "missing_file", ("summary.json",)),
     "report of a broken summary": (
-        lambda folder: ("report", str(text(folder, "summary.json", "{").parent)), 4, "unreadable_file", ("summary.json",)
+        lambda folder: ("report", str(text(folder, "summary.json", "{").parent)),
+        4, "unreadable_file", ("summary.json",),
     ),
 }  # fmt: skip
 
@@ -299,6 +301,17 @@ def test_a_refusal_leaves_the_earlier_run_as_it_was(tmp_path: Path, capsys: pyte
     before = listing(out)
     assert commands.run_here(capsys, *way("no.tif", "--out", str(out))).code == 4
     assert commands.run_here(capsys, *way(dem, "--width", "nan", "--out", str(out))).code == 2
+    assert listing(out) == before
+
+
+def test_a_run_to_which_somebody_added_a_file_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dem, out = commands.hills(tmp_path), tmp_path / "run"
+    assert commands.run_here(capsys, *way(dem, "--out", str(out))).code == 0
+    (out / "notes.txt").write_text("mine")
+    before = listing(out)
+    assert_plain(commands.run_here(capsys, *way(dem, "--out", str(out))), 4, ("notes.txt", "--out"))
     assert listing(out) == before
 
 

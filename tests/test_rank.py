@@ -215,7 +215,7 @@ def test_the_literal_profile_has_no_gates_and_the_paper_s_has_its_grade() -> Non
     grey = np.full((5, 5), 20.0, dtype=np.float32)
     steep = region_of(ramp(0.28), CELL_M, vehicle="pickup-4x4", grey=grey)
     ranks = {
-        profile: rank_cell(replace(steep, params=RankParams(profile=profile)), MIDDLE)  # type: ignore[arg-type]
+        profile: rank_cell(replace(steep, params=RankParams(profile=profile)), MIDDLE)
         for profile in ("metric", "paper", "literal")
     }
     assert ranks == {"metric": (7, "none"), "paper": (1, "grade"), "literal": (8, "none")}
@@ -257,7 +257,7 @@ def test_grey_levels_are_the_height_map_in_groups() -> None:
     with_zones=st.booleans(),
     moisture=st.floats(5, 60),
 )
-def test_one_pass_and_one_cell_say_the_same(  # noqa: PLR0917 - drawn by name
+def test_one_pass_and_one_cell_say_the_same(
     seed: int,
     rows: int,
     columns: int,
@@ -408,10 +408,10 @@ def test_layers_that_do_not_fit_are_refused() -> None:
 def test_soil_codes_that_no_class_has_are_refused(bad: int) -> None:
     soil = np.full((5, 5), 1)
     soil[0, 0] = bad
-    with pytest.raises(InvalidParameterError, match="[Ss]oil"):
+    with pytest.raises(InvalidParameterError, match=r"[Ss]oil"):
         rank_metric(ramp(0.0), soil, CELL_M, TRACTOR)
-    with pytest.raises(InvalidParameterError, match="[Ss]oil"):
-        rank_map(region_of(ramp(0.0), CELL_M, soil=soil))  # type: ignore[arg-type]
+    with pytest.raises(InvalidParameterError, match=r"[Ss]oil"):
+        rank_map(region_of(ramp(0.0), CELL_M, soil=soil))
 
 
 @pytest.mark.parametrize("cell", [Cell(-1, 0), Cell(5, 0), Cell(0, 5)])
@@ -422,5 +422,5 @@ def test_cells_outside_are_refused(cell: Cell) -> None:
 
 def test_parameters_as_plain_values() -> None:
     assert as_dict(RankParams(profile="paper"))["profile"] == "paper"
-    assert {RankParams(profile=profile).rank_min for profile in ("metric", "paper")} == {6}  # type: ignore[arg-type]
+    assert {RankParams(profile=profile).rank_min for profile in ("metric", "paper")} == {6}
     assert RankParams(profile="literal").rank_min == 7

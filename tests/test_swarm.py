@@ -105,7 +105,8 @@ from swathe.swarm import SwarmParams, run_swarm
 from worlds import region_of, smooth_hills
 ground = region_of(smooth_hills(6, 300, 300, height_m=70, cell_size_m=30, wave_m=500), 30.0)
 for explore in ("walk", "uniform", "permute"):
-    found = run_swarm(ground, SwarmParams(agents=5000, explore=explore, pellet_max=2, attract=1.0), ticks=int(sys.argv[1]))
+    params = SwarmParams(agents=5000, explore=explore, pellet_max=2, attract=1.0)
+    found = run_swarm(ground, params, ticks=int(sys.argv[1]))
     print(explore, found.tally, hashlib.sha256(found.nests.labels.tobytes()).hexdigest())
 """
 

@@ -75,7 +75,7 @@ def inner(shape: tuple[int, ...]) -> NDArray[np.bool_]:
 
 
 def not_corners(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return all but the four corners: there gdaldem repeats the column of the edge, which halves the slope along it."""
+    """Return all but the four corners: there gdaldem repeats the edge's column, which halves the slope along it."""
     mask = np.ones(shape, dtype=np.bool_)
     mask[:: shape[0] - 1, :: shape[1] - 1] = False
     return mask
@@ -145,9 +145,7 @@ def test_slope_and_aspect_are_gdals_on_real_ground(gdaldem: Path, swathe_data: P
     check_aspect(gdaldem, tmp_path, values, cell_size_m)
 
 
-@given(
-    east=st.floats(-2, 2), north=st.floats(-2, 2), rows=st.integers(2, 9), columns=st.integers(2, 9), data=st.data()
-)
+@given(east=st.floats(-2, 2), north=st.floats(-2, 2), rows=st.integers(2, 9), columns=st.integers(2, 9), data=st.data())
 def test_a_plane_with_voids_has_its_own_slope_and_aspect_everywhere(
     east: float, north: float, rows: int, columns: int, data: st.DataObject
 ) -> None:

@@ -17,7 +17,7 @@ import swathe
 from swathe import nest as nesting
 from swathe import planner, rank, swarm
 from swathe.corridor import CorridorParams
-from swathe.errors import InvalidParameterError, TooSmallError
+from swathe.errors import InterruptedBySignalError, InvalidParameterError, TooSmallError
 from swathe.export import place
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
 from swathe.export.geojson import nest_collection, route_collection
@@ -483,7 +483,8 @@ def _plan_summary(
         if moved is not None and moved[1] > 0:
             notes.append(f"The {name} was moved {moved[1]:.0f} m to the nearest safe ground.")
     if corridor is not None and corridor.widened:
-        notes.append(f"The swathe was widened {corridor.widened} times, to {corridor.width_m:.0f} m.")
+        times = "once" if corridor.widened == 1 else f"{corridor.widened} times"
+        notes.append(f"The swathe was widened {times}, to {corridor.width_m:.0f} m.")
     if not ground.is_whole:
         notes.append("Only the part of the map around start and goal was read.")
     return {
@@ -583,5 +584,6 @@ def _write(
 
 
 def _tell(on_progress: OnProgress | None, stage: str, done: int, total: int) -> None:
-    if on_progress is not None:
-        on_progress(stage, done, total)
+    # Only False stops: a callback that returns nothing means "go on".
+    if on_progress is not None and on_progress(stage, done, total) is False:
+        raise InterruptedBySignalError("Writing was stopped.", "Nothing was written.")

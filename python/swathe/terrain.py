@@ -65,9 +65,7 @@ def roughness_m(elevation_m: ArrayLike, cell_size_m: float) -> NDArray[np.float3
     return cast("NDArray[np.float32]", _core.roughness_m(as_heights(elevation_m), require_length(cell_size_m)))
 
 
-def height_map(
-    elevation_m: ArrayLike, height_range_m: tuple[float, float] | None = None
-) -> NDArray[np.float32]:
+def height_map(elevation_m: ArrayLike, height_range_m: tuple[float, float] | None = None) -> NDArray[np.float32]:
     """Return the paper's grey levels: whole numbers 0 (lowest) to 255 (highest) as float32, NaN where unknown.
 
     ``height_range_m`` is what black and white stand for; the least and greatest known height when not given.

@@ -71,11 +71,16 @@ pub(crate) fn rank_params(dict: &Bound<PyDict>) -> PyResult<RankParams> {
     let unknown_soil = match unknown.as_str() {
         "neutral" => UnknownSoil::Neutral,
         "avoid" => UnknownSoil::Avoid,
-        class => UnknownSoil::Class(word(
-            "class for unknown soil",
-            class,
-            &SoilClass::ALL.map(|class| (class.name(), class)),
-        )?),
+        class => match SoilClass::ALL.into_iter().find(|known| known.name() == class) {
+            Some(class) => UnknownSoil::Class(class),
+            None => {
+                let known = SoilClass::ALL.map(SoilClass::name).join(", ");
+                return Err(invalid(
+                    format!("Unknown soil cannot count as {class:?}; known are neutral, avoid, {known}."),
+                    "Choose one of them.",
+                ));
+            }
+        },
     };
     let combine: String = entry(dict, "combine")?;
     let combine = match combine.as_str() {

@@ -6,6 +6,7 @@ unusable input or surroundings, 130 interrupted, 1 our own bug.
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -30,15 +31,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         code = _run(words)
         sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader has gone; what is left of the output has no reader either.
+    except OSError as error:
+        # What is left of the output goes nowhere, so that Python does not try again at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
-    except OSError as error:  # stdout is a file on a full disk
-        sys.stderr.write(f"swathe: The answer cannot be printed: {error.strerror or error}.\n")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_UNUSABLE
+        code = _unprinted(error)
     sys.exit(code)
+
+
+def _unprinted(error: OSError) -> int:
+    """Say that the answer could not be printed, unless its reader has simply gone."""
+    if isinstance(error, BrokenPipeError):
+        return 0
+    sys.stderr.write(f"swathe: The answer cannot be printed: {error.strerror or error}.\n")
+    return EXIT_UNUSABLE
 
 
 def _prepare() -> None:
@@ -59,41 +64,61 @@ def _run(words: list[str]) -> int:
 
 
 def _command(words: list[str], *, as_json: bool, debug: bool) -> int:
-    from swathe.errors import SwatheError
+    from swathe.cli.say import PrintError
 
     try:
-        import typer
-
-        from swathe.cli.app import app
-
-        answer = app(words, prog_name="swathe", standalone_mode=False)
-    except SwatheError as error:
+        return _invoke(words)
+    except PrintError as error:
+        raise error.cause from error
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename is None and error.errno in {errno.EPIPE, errno.ENOSPC}:
+            raise  # a help text that cannot be printed
         if debug:
             _show_traceback()
-        return _fail(error.kind, error.message, error.remedy, error.exit_code, as_json=as_json)
+        kind, message, remedy, code = _explained(error)
+        return _fail(kind, " ".join(message.split()), remedy, code, as_json=as_json)
+
+
+def _invoke(words: list[str]) -> int:
+    """Run a command and return its exit code."""
+    import typer
+    from typer.main import get_command
+
+    from swathe.cli.app import app
+
+    try:
+        # Not app(words): that has ways of its own to end a process.
+        command = get_command(app)
+        with command.make_context("swathe", list(words)) as context:
+            answer = command.invoke(context)
     except typer.Exit as end:
         return end.exit_code
     except typer.Abort:
         raise KeyboardInterrupt from None
-    except typer.TyperException as error:
+    return answer if isinstance(answer, int) else 0
+
+
+def _explained(error: Exception) -> tuple[str, str, str, int]:
+    """Return the kind, message, remedy and exit code of an error; what nobody foresaw is our own bug."""
+    import typer
+
+    from swathe.errors import SwatheError
+
+    if isinstance(error, SwatheError):
+        return error.kind, error.message, error.remedy, error.exit_code
+    if isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)
         command = "swathe" if context is None else context.command_path
-        message = " ".join(error.format_message().replace("Value error, ", "").split())
-        return _fail("usage", message, f"Try `{command} --help`.", EXIT_USAGE, as_json=as_json)
-    except UnicodeEncodeError as error:
+        message = error.format_message().replace("Value error, ", "")
+        return "usage", message, f"Try `{command} --help`.", EXIT_USAGE
+    if isinstance(error, UnicodeEncodeError):
         message = f"The name {error.object!r} holds bytes that are no text."
-        return _fail("unreadable_file", message, "Rename the file or folder.", EXIT_UNUSABLE, as_json=as_json)
-    except MemoryError:
+        return "unreadable_file", message, "Rename the file or folder.", EXIT_UNUSABLE
+    if isinstance(error, MemoryError):
         remedy = "Choose a smaller window with `--bounds`, or coarser cells with `--cell-size`."
-        return _fail("too_large", "The memory does not suffice.", remedy, EXIT_UNUSABLE, as_json=as_json)
-    except BrokenPipeError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever else comes is our own bug, and is called one
-        if debug:
-            _show_traceback()
-        message = " ".join(f"Swathe has a bug: {type(error).__name__}: {error}".split())
-        return _fail("bug", message, "Please report it with the output of `--debug`.", EXIT_BUG, as_json=as_json)
-    return answer if isinstance(answer, int) else 0
+        return "too_large", "The memory does not suffice.", remedy, EXIT_UNUSABLE
+    message = f"Swathe has a bug: {type(error).__name__}: {error}"
+    return "bug", message, "Please report it with the output of `--debug`.", EXIT_BUG
 
 
 def _show_traceback() -> None:

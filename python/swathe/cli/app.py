@@ -118,13 +118,15 @@ def _root(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
+    from swathe.cli import say
+
     if version:
         import swathe
 
-        typer.echo(f"swathe {swathe.__version__}")
+        say.show(f"swathe {swathe.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        say.show(context.get_help())
         raise typer.Exit
 
 

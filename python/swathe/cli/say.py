@@ -68,13 +68,34 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, int, int], bool] | None]
         yield report
 
 
-def line(answer: dict[str, Any], text: str, *, as_json: bool) -> None:
+class PrintError(Exception):
+    """Stdout does not take the answer: its reader has gone, or its disk is full."""
+
+    def __init__(self, cause: OSError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+def show(words: str) -> None:
+    """Print lines on stdout, at once.
+
+    Raises:
+        PrintError: stdout does not take them.
+    """
+    try:
+        sys.stdout.write(words + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        raise PrintError(error) from error
+
+
+def line(answer: dict[str, Any], words: str, *, as_json: bool) -> None:
     """Print an answer as one JSON object or as text."""
     from swathe.export.folder import finite
 
     if as_json:
-        text = json.dumps(finite(answer), ensure_ascii=False, allow_nan=False)
-    sys.stdout.write(text + "\n")
+        words = json.dumps(finite(answer), ensure_ascii=False, allow_nan=False)
+    show(words)
 
 
 def result(summary: dict[str, Any], *, as_json: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from swathe import mission
@@ -31,9 +30,7 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
     require_ours_or_runs(out, tuple(chapter[0] for chapter in _CHAPTERS))
     answers: list[dict[str, Any]] = []
     if not (as_json or quiet):
-        sys.stdout.write(
-            "The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.\n"
-        )
+        say.show("The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.")
     for name, title, vehicle, start, goal, with_soil in _CHAPTERS:
         terrain = mission.TerrainRequest(dem=(_BUNDLED,), soil=_BUNDLED if with_soil else None)
         with say.progress(quiet=quiet or as_json) as report:
@@ -42,8 +39,7 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
             )
         answers.append({"chapter": name, "title": title, **summary})
         if not as_json:
-            sys.stdout.write(f"\n{title}: {_in_short(summary)}\n")
-            sys.stdout.flush()
+            say.show(f"\n{title}: {_in_short(summary)}")
     first = answers[0]["outputs"]["report"]
     found = {"status": "done", "report": first, "chapters": answers}
     say.line(found, f"\nEvery way has a report with its map; the tractor's is\n{first}", as_json=as_json)

@@ -75,9 +75,14 @@ fn outside(geometry: GridGeometry, name: &str, place: Position) -> Refusal {
     let south = geometry.north_m() - geometry.rows() as f64 * geometry.cell_size_m();
     let away = |low: f64, high: f64, at: f64| (low - at).max(at - high).max(0.0);
     let distance_m = away(geometry.west_m(), east, place.x_m).hypot(away(south, geometry.north_m(), place.y_m));
+    let away = if distance_m < 1.0 {
+        "on the edge of the map or just outside".to_owned()
+    } else {
+        format!("{distance_m:.0} m outside the map")
+    };
     Refusal {
         status: Status::OutsideMap,
-        reason: format!("The {name} lies {distance_m:.0} m outside the map."),
+        reason: format!("The {name} lies {away}."),
         place: Some(place),
         remedy: "Give elevation that covers it; points are longitude,latitude unless `--points-crs` says otherwise."
             .to_owned(),
