@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import os
-import re
 import subprocess
 import sys
 import tracemalloc
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +14,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pictures import picture_of, pixels_near, route_profile
 from swathe.errors import (
-    InputError,
     InvalidParameterError,
-    MissingFileError,
     OutputError,
     ShapeMismatchError,
-    UnreadableFileError,
 )
 from swathe.grid import GridGeometry
-from swathe.report import wording
 from swathe.report.graticule import round_below
-from swathe.report.html import write_html
 from swathe.report.map import MapPicture, draw_map
 from swathe.report.output import replacing
 from swathe.report.palette import RANK_COLOURS, ROUTE_COLOUR, SOIL_COLOURS, rank_colour_table, rank_hex
@@ -39,40 +30,6 @@ from swathe.report.relief import MAX_SIDE, draw_relief
 
 ROUTE_RGB = tuple(int(ROUTE_COLOUR[place : place + 2], 16) for place in (1, 3, 5))
 PYTHON_FOLDER = Path(__file__).resolve().parent.parent / "python"
-
-
-def hills(rows: int, columns: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    row, column = np.mgrid[:rows, :columns]
-    heights: np.ndarray[Any, np.dtype[np.float32]] = (8 * np.sin(row / 9) + 6 * np.cos(column / 11)).astype(np.float32)
-    return heights
-
-
-def picture_of(rows: int = 40, columns: int = 60, **changes: Any) -> MapPicture:
-    geometry = GridGeometry(rows, columns, 10.0, 500_000.0, 5_000_000.0)
-    heights = hills(rows, columns)
-    rank = (2 + (heights - heights.min()) % 9).astype(np.uint8)
-    x_m = np.linspace(geometry.west_m, geometry.east_m, 12)[1:-1]
-    y_m = np.linspace(geometry.south_m, geometry.north_m, 12)[1:-1]
-    route = np.column_stack([x_m, y_m])
-    values: dict[str, Any] = {
-        "geometry": geometry,
-        "elevation_m": heights,
-        "rank": rank,
-        "title": "Route found",
-        "route_xy_m": route,
-        "start_xy_m": (float(x_m[0]), float(y_m[0])),
-        "goal_xy_m": (float(x_m[-1]), float(y_m[-1])),
-    }
-    return MapPicture(**{**values, **changes})
-
-
-def pixels(path: Path) -> np.ndarray[Any, np.dtype[np.int16]]:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"), np.int16)
-
-
-def pixels_near(path: Path, colour: tuple[int, ...]) -> int:
-    return int((np.abs(pixels(path) - np.array(colour)).max(axis=2) < 12).sum())
 
 
 def lightness(colour: tuple[int, ...]) -> float:
@@ -350,22 +307,6 @@ def test_map_of_real_terrain_with_voids(swathe_data: Path, tmp_path: Path) -> No
 # ---- the profile
 
 
-def route_profile(legs: int = 6) -> dict[str, Any]:
-    distance_m = np.linspace(0, 3000, 200)
-    boundaries = np.linspace(0, 3000, legs + 1)
-    return {
-        "distance_m": distance_m,
-        "elevation_m": 100 + 20 * np.sin(distance_m / 400),
-        "leg_distance_m": boundaries,
-        "leg_grade": np.linspace(-0.2, 0.2, legs),
-        "leg_speed_mps": np.full(legs, 0.7),
-        "leg_soil": ["sand", "sand", "clay", "silt", "rock", "something else"][:legs],
-        "grade_up_limit": 0.25,
-        "grade_down_limit": 0.3,
-        "title": "Profile",
-    }
-
-
 def test_profile_is_drawn_with_the_soils_it_crosses_and_is_the_same_again(tmp_path: Path) -> None:
     first, second = tmp_path / "first.png", tmp_path / "second.png"
     draw_profile(first, **route_profile(), metadata={"Seed": "0"})
@@ -406,302 +347,3 @@ def test_profile_refuses_arrays_that_do_not_belong_together(tmp_path: Path, key:
     with pytest.raises(ShapeMismatchError):
         draw_profile(tmp_path / "profile.png", **{**values, key: values[key][:-1]})
     assert not list(tmp_path.iterdir())
-
-
-# ---- the page
-
-
-class Markup(HTMLParser):
-    """Collects the tags, attributes and text of a page."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str, str | None]] = []
-        self.text = ""
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(tag, name, value) for name, value in attrs]
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
-SUMMARY: dict[str, Any] = {
-    "command": "plan",
-    "version": "0.1.0",
-    "status": "route_found",
-    "reason": None,
-    "length_m": 23_100.0,
-    "straight_m": 13_600.0,
-    "duration_s": 3840.0,
-    "energy_j": 2.1e8,
-    "max_grade": 0.27,
-    "cost": 102.0,
-    "cost_lower_bound": 100.0,
-    "optimal": False,
-    "cells_total": 1000,
-    "cells_evaluated": 170,
-    "nest_count": 14,
-    "method": "swarm",
-    "vehicle": "tractor",
-    "vehicle_figures": {"grade_up": {"value": 0.3, "source": "estimate: working limit"}},
-    "seed": 7,
-    "start": {"lon": -84.1311, "lat": 36.4621, "x_m": 1.0, "y_m": 2.0, "snapped_m": 12.0},
-    "goal": {"lon": None, "lat": None, "x_m": 3.0, "y_m": 4.0, "snapped_m": 0.0},
-    "swarm": {"agents": 1024, "ticks": 812},
-    "soil": {
-        "source": "soils.gpkg",
-        "field": "cat",
-        "covered_fraction": 0.9,
-        "entries": [
-            {"value": "1", "label": "clay", "soil_class": "clay", "understood": True, "cells": 60},
-            {"value": "2", "label": "Xyzzy", "soil_class": "unknown", "understood": False, "cells": 40},
-        ],
-    },
-    "inputs": [{"name": "dem.tif", "sha256": "ab" * 32}],
-    "notes": ["Soil generated by rule."],
-    "timings_s": {"total": 0.92},
-    "outputs": {"route": "route.geojson"},
-}
-LEG = {"leg": 1, "length_m": 400.0, "grade_max": 0.12, "grade_min": -0.03, "soil": "clay", "reason": "round the ridge"}
-
-
-def write_run(folder: Path, summary: Any, legs: list[dict[str, Any]] | None = None) -> Path:
-    (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    if legs is not None:
-        write_features(folder / "route.geojson", legs)
-    return folder
-
-
-def write_features(path: Path, features: list[dict[str, Any]]) -> None:
-    collection = [{"type": "Feature", "geometry": None, "properties": properties} for properties in features]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": collection}), encoding="utf-8")
-
-
-def page_of(folder: Path) -> Markup:
-    return Markup(write_html(folder).read_text(encoding="utf-8"))
-
-
-def test_page_tells_the_answer_the_figures_the_reasons_and_how_it_was_made(tmp_path: Path) -> None:
-    text = page_of(write_run(tmp_path, SUMMARY, [LEG])).text
-    for said in (
-        "Route found: 23.1 km in 1 h 04 min",
-        "36.46210° N, 84.13110° W",
-        "x 3.0 m, y 4.0 m",
-        "1.70 times the straight line",
-        "58.3 kWh",
-        "27 %",
-        "limit 30 %",
-        "at most 2.0 % above the best",
-        "17 %",
-        "round the ridge",
-        "\N{MINUS SIGN}3 % to +12 %",
-        "Xyzzy",
-        "not understood",
-        "covering 90 % of the cells",
-        "Soil generated by rule.",
-        "estimate: working limit",
-        "agents 1,024",
-        "ab" * 32,
-        "Swathe 0.1.0",
-    ):
-        assert said in text, said
-
-
-def test_page_is_self_contained_and_allows_nothing_to_load(tmp_path: Path) -> None:
-    draw_map(tmp_path / "map.png", picture_of())
-    path = write_html(write_run(tmp_path, SUMMARY, [LEG]))
-    page = path.read_text(encoding="utf-8")
-    markup = Markup(page)
-    assert not {"script", "link", "iframe", "object", "form"} & set(markup.tags)
-    sources = [value for tag, name, value in markup.attributes if name == "src"]
-    assert len(sources) == 1
-    assert (sources[0] or "").startswith("data:image/png;base64,")
-    assert base64.b64decode((sources[0] or "").partition(",")[2]) == (tmp_path / "map.png").read_bytes()
-    assert not [value for _, name, value in markup.attributes if name == "style" or name.startswith("on")]
-    policy = next(value for tag, name, value in markup.attributes if tag == "meta" and "default-src" in (value or ""))
-    style = page.partition("<style>")[2].partition("</style>")[0]
-    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
-    assert f"style-src 'sha256-{digest}'" in (policy or "")
-    assert "url(" not in style
-    assert "@import" not in style
-
-
-def test_page_is_the_same_bytes_again_and_leaves_nothing_beside_it(tmp_path: Path) -> None:
-    first = write_html(write_run(tmp_path, SUMMARY, [LEG])).read_bytes()
-    assert write_html(tmp_path).read_bytes() == first
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["report.html", "route.geojson", "summary.json"]
-
-
-def test_refusal_says_why_where_and_what_would_change_it(tmp_path: Path) -> None:
-    refusal = {
-        **SUMMARY,
-        "status": "no_route",
-        "reason": "Every way is too steep.",
-        "where": "the ridge",
-        "remedy": "Take the pickup.",
-        "length_m": None,
-    }
-    text = page_of(write_run(tmp_path, refusal)).text
-    assert "Route found" not in text
-    for said in ("No route", "Every way is too steep.", "the ridge", "Take the pickup."):
-        assert said in text
-
-
-@pytest.mark.parametrize(
-    ("summary", "headline"),
-    [
-        ({"status": "route_found", "length_m": 0.0, "duration_s": 0.0}, "Route found: 0 m in 0 s"),
-        ({"status": "route_found"}, "Route found"),
-        ({"status": "start_blocked"}, "No route: the start is blocked"),
-        ({"status": "outside_map", "length_m": 3}, "No route: a point lies outside the map"),
-        ({"command": "nests", "nest_count": 12, "status": "done"}, "12 navigable regions"),
-        ({"command": "nests", "nest_count": 1}, "One navigable region"),
-        ({"status": "reached", "distance_m": 300, "duration_s": 500}, "Goal reached: 300 m in 8 min 20 s"),
-        ({"command": "drive", "status": "collision"}, "Goal not reached: the robot collided"),
-        ({"status": "something_new"}, "something_new"),
-        ({}, "Run"),
-    ],
-)  # fmt: skip
-def test_headline_is_the_answer_in_one_line(summary: dict[str, Any], headline: str) -> None:
-    assert wording.headline(summary) == headline
-
-
-@pytest.mark.parametrize("value", [None, "", [], {}, 5, "text", True, [1], {"x": None}, float("nan"), [None]])
-def test_page_holds_whatever_a_summary_lacks_or_holds_instead(tmp_path: Path, value: Any) -> None:
-    assert "h1" in page_of(write_run(tmp_path, {})).tags
-    assert "h1" in page_of(write_run(tmp_path, dict.fromkeys(SUMMARY, value), [dict.fromkeys(LEG, value)])).tags
-    for key in SUMMARY:
-        assert "h1" in page_of(write_run(tmp_path, {**SUMMARY, key: value})).tags
-
-
-def test_hostile_text_stays_text(tmp_path: Path) -> None:
-    hostile = "</style><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\u202e\ud800\0"
-    summary: dict[str, Any] = dict.fromkeys(SUMMARY, hostile) | {
-        "inputs": [{"name": hostile, "sha256": hostile}],
-        "notes": [hostile, {"note": hostile}],
-        "outputs": {hostile: f"javascript:{hostile}", "away": "//elsewhere/x"},
-        "soil": {"source": hostile, "field": hostile, "entries": [{"value": hostile, "soil_class": hostile}]},
-        "swarm": {hostile: hostile},
-        "timings_s": {hostile: hostile},
-        "vehicle_figures": {hostile: {"value": hostile, "source": hostile}},
-    }
-    folder = write_run(tmp_path, summary, [dict.fromkeys(LEG, hostile)])
-    write_features(folder / "nests.geojson", [{hostile: hostile}])
-    markup = page_of(folder)
-    assert not {"script", "img"} & set(markup.tags)
-    assert not [name for _, name, _ in markup.attributes if name.startswith("on")]
-    links = [value or "" for _, name, value in markup.attributes if name == "href"]
-    assert links
-    assert all(link.startswith("./") for link in links)
-    assert "<script>alert(1)</script>" in markup.text
-    assert "\u202e" not in markup.text
-
-
-def test_many_legs_are_folded_and_very_many_are_left_to_the_file(tmp_path: Path) -> None:
-    few = page_of(write_run(tmp_path, {**SUMMARY, "vehicle_figures": None}, [LEG] * 40))
-    assert "details" not in few.tags
-    many = page_of(write_run(tmp_path, {**SUMMARY, "vehicle_figures": None}, [LEG] * 41))
-    assert "details" in many.tags
-    assert many.text.count("round the ridge") == 41
-    very_many = page_of(write_run(tmp_path, SUMMARY, [LEG] * 2005))
-    assert very_many.text.count("round the ridge") == 2000
-    assert "other 5 legs" in very_many.text
-
-
-def test_nests_are_listed_where_they_are_the_answer(tmp_path: Path) -> None:
-    folder = write_run(tmp_path, {"command": "nests", "nest_count": 2})
-    write_features(folder / "nests.geojson", [{"nest": 1, "area_m2": 123_456.0}, {"nest": 2, "area_m2": 10.5}])
-    text = page_of(folder).text
-    assert "area (m²)" in text
-    assert "123,456" in text
-    assert "10.5" in text
-
-
-def test_folders_that_are_no_complete_run_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(MissingFileError, match="does not exist"):
-        write_html(tmp_path / "nowhere")
-    with pytest.raises(MissingFileError, match=r"summary\.json"):
-        write_html(tmp_path)
-    file = tmp_path / "file"
-    file.write_text("x", encoding="utf-8")
-    with pytest.raises(InputError, match="is not a folder"):
-        write_html(file)
-    with pytest.raises(InputError):
-        write_html("x" * 5000)
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("summary.json", b""),
-        ("summary.json", b"{"),
-        ("summary.json", b"[1, 2]"),
-        ("summary.json", b"\xff\xfe\x00"),
-        ("summary.json", b"[" * 100_000),
-        ("route.geojson", b'{"type": "Feat'),
-        ("nests.geojson", b"\x89PNG"),
-        ("map.png", b""),
-        ("profile.png", b"<svg onload=alert(1)>"),
-    ],
-)
-def test_broken_files_of_a_run_are_named(tmp_path: Path, name: str, content: bytes) -> None:
-    write_run(tmp_path, SUMMARY)
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(UnreadableFileError, match=re.escape(name)) as caught:
-        write_html(tmp_path)
-    assert caught.value.remedy
-    assert not (tmp_path / "report.html").exists()
-
-
-def test_a_browser_renders_the_page_without_a_complaint(chromium: Path, tmp_path: Path) -> None:
-    draw_map(tmp_path / "map.png", picture_of())
-    draw_profile(tmp_path / "profile.png", **route_profile())
-    path = write_html(write_run(tmp_path, SUMMARY, [LEG]))
-    shot = tmp_path / "shot.png"
-    done = subprocess.run(
-        [
-            *(chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-            *(f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--hide-scrollbars"),
-            *("--window-size=400,1600", f"--screenshot={shot}", path.as_uri()),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    assert complaints == [], "the page's own policy must not block the page"
-    # The map is inlined and shown: its colours are on the screen.
-    assert pixels_near(shot, RANK_COLOURS[6][:3]) > 200
-
-
-@pytest.mark.parametrize(
-    ("shown", "text"),
-    [
-        (wording.length(999.4), "999 m"),
-        (wording.length(3.54), "3.5 m"),
-        (wording.length(12_345), "12.3 km"),
-        (wording.length(float("nan")), wording.MISSING),
-        (wording.duration(59.6), "1 min 00 s"),
-        (wording.duration(3599), "1 h 00 min"),
-        (wording.duration(-1), wording.MISSING),
-        (wording.duration(90_000), "25 h 00 min"),
-        (wording.energy(3.6e6), "1.0 kWh"),
-        (wording.energy(3600), "1.0 Wh"),
-        (wording.energy(12), "12 J"),
-        (wording.percent(-0.004, signed=True), "0 %"),
-        (wording.percent(-0.3, signed=True), "\N{MINUS SIGN}30 %"),
-        (wording.percent(True), wording.MISSING),
-        (wording.count(1_234_567), "1,234,567"),
-        (wording.count(10**400), str(10**400)),
-        (wording.name_and_unit("max_speed_mps"), ("max speed", "m/s")),
-        (wording.name_and_unit("grade_up"), ("grade up", "")),
-    ],
-)
-def test_numbers_are_said_as_people_say_them(shown: object, text: object) -> None:
-    assert shown == text

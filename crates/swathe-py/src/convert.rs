@@ -71,16 +71,16 @@ pub(crate) fn rank_params(dict: &Bound<PyDict>) -> PyResult<RankParams> {
     let unknown_soil = match unknown.as_str() {
         "neutral" => UnknownSoil::Neutral,
         "avoid" => UnknownSoil::Avoid,
-        class => match SoilClass::ALL.into_iter().find(|known| known.name() == class) {
-            Some(class) => UnknownSoil::Class(class),
-            None => {
+        class => {
+            let known = SoilClass::ALL.into_iter().find(|known| known.name() == class);
+            UnknownSoil::Class(known.ok_or_else(|| {
                 let known = SoilClass::ALL.map(SoilClass::name).join(", ");
-                return Err(invalid(
+                invalid(
                     format!("Unknown soil cannot count as {class:?}; known are neutral, avoid, {known}."),
                     "Choose one of them.",
-                ));
-            }
-        },
+                )
+            })?)
+        }
     };
     let combine: String = entry(dict, "combine")?;
     let combine = match combine.as_str() {
