@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pictures import picture_of, pixels_near, route_profile
+from pictures import picture_of, pixels, pixels_near, route_profile
 from swathe.errors import (
     InvalidParameterError,
     OutputError,
