@@ -267,7 +267,7 @@ def test_a_grey_picture_is_a_map(tmp_path: Path, here: Path, capsys: pytest.Capt
     finished = commands.run_here(capsys, *words, "--json", "--vehicle", "tractor")
     assert (finished.code, finished.answer["crs"]) == (0, "local metric frame")
     route = json.loads((here / "swathe-plan/route.geojson").read_text())
-    assert "local metric frame" in route["coordinates"]
+    assert "local metric frame" in route["reference_system"]
     first = route["features"][0]["geometry"]["coordinates"][0]
     assert np.hypot(first[0] - 100, first[1] - 100) < 30, "metres from the south-west corner"
     paper = commands.run_here(capsys, *words, "--profile", "literal", "--json")

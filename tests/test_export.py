@@ -182,7 +182,6 @@ def test_a_frame_without_longitude_and_latitude_keeps_its_metres_and_says_so(crs
     assert np.allclose(lines[0]["geometry"]["coordinates"], [route.legs[0].start, route.legs[0].end], atol=1e-3)
 
 
-@pytest.mark.xfail(reason="the note about the frame has the reserved name coordinates (RFC 7946, section 7.1)")
 def test_the_note_about_the_frame_has_no_reserved_name() -> None:
     route, _ = driven(hills(0.0, 2100.0))
     collection = route_collection(route, Frame(hills().geometry, None), ORIGIN)

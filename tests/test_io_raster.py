@@ -44,9 +44,18 @@ def test_a_layer_comes_back_with_all_that_was_said_of_it(tmp_path: Path) -> None
         assert dataset.tags(ns="IMAGE_STRUCTURE")["COMPRESSION"] == "DEFLATE"
         assert dataset.block_shapes == [(256, 256)]
         assert dataset.overviews(1) == [2, 4]
-    with rasterio.open(path, overview_level=0) as overview:  # classes are never mixed
-        assert set(np.unique(overview.read(1))) <= set(range(11))
     assert [file.name for file in tmp_path.iterdir()] == ["rank.tif"]
+
+
+def test_overviews_never_mix_classes_and_average_floats(tmp_path: Path) -> None:
+    layer = np.where(ranks() > 5, 10, 2).astype(np.uint8)
+    write_raster(tmp_path / "classes.tif", layer, FRAME)
+    write_raster(tmp_path / "heights.tif", layer.astype(np.float32), FRAME)
+    with rasterio.open(tmp_path / "classes.tif", overview_level=0) as overview:
+        assert set(np.unique(overview.read(1))) == {2, 10}
+    with rasterio.open(tmp_path / "heights.tif", overview_level=0) as overview:
+        means = layer.astype(np.float32).reshape(300, 2, 350, 2).mean(axis=(1, 3))
+        np.testing.assert_allclose(overview.read(1), means, rtol=1e-6)
 
 
 def test_the_same_layer_gives_the_same_bytes(tmp_path: Path) -> None:

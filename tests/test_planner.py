@@ -353,9 +353,6 @@ def test_a_certificate_on_part_of_the_map_holds_for_all_of_it(seed: int, arc: An
     assert swarm.path_cost == pytest.approx(exact.path_cost, rel=1e-9)
 
 
-@pytest.mark.xfail(
-    reason="at the edge of the swathe nests are smaller than on the whole map; the certificate forgets it"
-)
 def test_a_gap_half_inside_the_swathe_is_no_reason_for_a_certificate() -> None:
     # The best way leads through the upper gap, one of whose three rows lies outside the swathe.
     zones = np.zeros((60, 61), dtype=np.bool_)

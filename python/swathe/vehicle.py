@@ -12,7 +12,6 @@ import difflib
 import math
 import tomllib
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -143,7 +142,7 @@ class Vehicle(BaseModel):
 
     sources: dict[str, str] = Field(default_factory=dict)
 
-    @cached_property
+    @property
     def core(self) -> _core.Vehicle:
         """The vehicle as the core sees it."""
         from swathe import _core

@@ -85,10 +85,16 @@ pub(crate) fn rank_params(dict: &Bound<PyDict>) -> PyResult<RankParams> {
     let combine: String = entry(dict, "combine")?;
     let combine = match combine.as_str() {
         "min" => Combine::Min,
-        _ => Combine::Weighted {
+        "weighted" => Combine::Weighted {
             height: entry(dict, "height_weight")?,
             soil: entry(dict, "soil_weight")?,
         },
+        other => {
+            return Err(invalid(
+                format!("The combination {other:?} is not known; known are weighted, min."),
+                "Choose one of them.",
+            ));
+        }
     };
     Ok(RankParams {
         profile: word(

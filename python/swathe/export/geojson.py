@@ -1,7 +1,7 @@
 """Routes and nests as GeoJSON (RFC 7946): longitude and latitude with 8 decimals.
 
 A frame without longitude and latitude (a local height map, another planet) keeps its own metres, and the member
-``coordinates`` of the collection says so.
+``reference_system`` of the collection says so.
 """
 
 from __future__ import annotations
@@ -119,5 +119,5 @@ def _coordinates(xy_m: NDArray[np.float64], frame: Frame) -> list[list[float]]:
 def _collection(features: list[dict[str, Any]], frame: Frame, origin: Mapping[str, Any]) -> dict[str, Any]:
     collection: dict[str, Any] = {"type": "FeatureCollection", "swathe": dict(origin)}
     if not frame.has_lonlat:
-        collection["coordinates"] = f"metres in {frame.name}, not longitude and latitude"
+        collection["reference_system"] = f"metres in {frame.name}, not longitude and latitude"
     return {**collection, "features": features}

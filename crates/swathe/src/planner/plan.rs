@@ -170,9 +170,13 @@ impl Planner<'_> {
     /// Distance around start and goal within which the swathe decides nothing any more: what is a nest within the reach of
     /// snapping depends on cells up to two vicinities farther.
     fn settled_radius_m(&self) -> f64 {
+        (SNAP_CELLS + 2.0 * self.vicinity_reach() + 1.0) * 2f64.sqrt() * self.geometry().cell_size_m()
+    }
+
+    /// Cells that a vicinity reaches beyond its centre.
+    fn vicinity_reach(&self) -> f64 {
         let steps = self.request.swarm.nest.vicinity.steps().unwrap_or_default();
-        let reach = steps.iter().map(|step| step.rows.abs()).max().unwrap_or(0);
-        (SNAP_CELLS + 2.0 * f64::from(reach) + 1.0) * 2f64.sqrt() * self.geometry().cell_size_m()
+        f64::from(steps.iter().map(|step| step.rows.abs()).max().unwrap_or(0))
     }
 
     /// The nest cells nearest to start and goal. On the whole map, where no wider swathe can connect them, a pair a little
@@ -279,7 +283,7 @@ impl Planner<'_> {
                 return Ok(answer.refused(refusal));
             }
             Search::Found { cells, cost } => {
-                answer.optimal = !bridging && self.is_optimal(inside, cost, &ground);
+                answer.optimal = !bridging && self.is_optimal(inside, cost, &ends, &ground);
                 let route = self.route(&ground, &cells, &answer);
                 match route {
                     Ok(route) => {
@@ -356,11 +360,11 @@ impl Planner<'_> {
     }
 
     /// Whether no way that leaves the searched cells can cost less: it would have to leave the widest capsule inside them.
-    fn is_optimal(&self, inside: Option<&Layer<bool>>, cost: f64, ground: &Ground) -> bool {
-        let [start, goal] = self.places();
+    fn is_optimal(&self, inside: Option<&Layer<bool>>, cost: f64, ends: &Ends, ground: &Ground) -> bool {
+        let geometry = self.geometry();
+        let [start, goal] = [ends.start.0, ends.goal.0].map(|cell| geometry.centre(cell));
         let mut half_m = inside.map_or(f64::INFINITY, |inside| capsule_half_width_m(inside, start, goal));
         if self.terrain.map_continues {
-            let geometry = self.geometry();
             let rim = geometry.cells().filter(|cell| {
                 cell.row == 0
                     || cell.column == 0
@@ -370,6 +374,8 @@ impl Planner<'_> {
             let rim_m = rim.map(|cell| geometry.centre(cell).distance_to_segment_m(start, goal));
             half_m = half_m.min(rim_m.fold(f64::INFINITY, f64::min));
         }
+        // Within two vicinities of the border nests can be smaller than they would be on the whole map.
+        half_m = (half_m - (2.0 * self.vicinity_reach() + 1.0) * geometry.cell_size_m()).max(0.0);
         let direct_m = start.distance_m(goal);
         cost <= ground.least_cost_per_m() * direct_m.hypot(2.0 * half_m)
     }
