@@ -170,6 +170,13 @@ def test_of_overlapping_tiles_the_first_that_knows_wins(tmp_path: Path) -> None:
     assert read(b, a)[0, 1] == 2
 
 
+def test_land_cover_beside_elevation_is_not_taken_for_it(tmp_path: Path) -> None:
+    write(tmp_path / "a_cover.tif", np.ones((20, 20), dtype=np.uint8))
+    write(tmp_path / "b_elevation.tif", hills(20, 20))
+    with pytest.raises(NotElevationError, match=r"a_cover\.tif"):
+        read(tmp_path)
+
+
 def test_a_window_reads_only_the_tiles_under_it(tmp_path: Path) -> None:
     paths = []
     for column in range(3):

@@ -18,6 +18,7 @@ from swathe.errors import (
     InterruptedBySignalError,
     InvalidParameterError,
     MissingCrsError,
+    NotElevationError,
     OutsideGridError,
     TooLargeError,
 )
@@ -153,6 +154,7 @@ def open_elevation(
     """
     if cell_size_m is not None and not (math.isfinite(cell_size_m) and cell_size_m > 0):
         raise InvalidParameterError(f"The cell size of {cell_size_m:g} m is not a length.", "Give a number above zero.")
+    cell_size_m = None if cell_size_m is None else float(cell_size_m)
     inputs = expand(sources)
     pool = DatasetPool()
     try:
@@ -185,6 +187,7 @@ def _open(
             default_cell_size_m = DEFAULT_CELL_SIZE_M
         else:
             tiles.append(_raster_tile(source, pool, crs, height_range_m))
+    _require_one_kind([tile for tile in tiles if isinstance(tile, RasterTile)])
     names = inputs[0].name if len(inputs) == 1 else f"{inputs[0].name} and {len(inputs) - 1} more"
     without = [tile.source.name for tile in tiles if tile.crs_wkt is None]
     if without and len(without) < len(tiles):
@@ -202,6 +205,16 @@ def _open(
         wanted = crs if not horizontal(parse_crs(crs)).is_geographic else None
     target = choose_target(mosaics, names, cell_size_m=cell_size_m, crs=wanted, default_cell_size_m=default_cell_size_m)
     return ElevationSource(inputs, mosaics, target, pool, grey=grey)
+
+
+def _require_one_kind(tiles: Sequence[RasterTile]) -> None:
+    """Raise NotElevationError when bytes lie among heights: a folder often holds land cover beside its elevation."""
+    of_bytes = [tile.source.name for tile in tiles if tile.dtype == np.uint8]
+    if of_bytes and len(of_bytes) < len(tiles):
+        raise NotElevationError(
+            f"{of_bytes[0]} holds bytes and others hold heights, so it does not look like elevation.",
+            "Name the elevation files alone.",
+        )
 
 
 def _raster_tile(
