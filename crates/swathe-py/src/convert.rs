@@ -206,6 +206,7 @@ pub(crate) fn arc_kind(name: &str, sagitta_m: Option<f64>) -> PyResult<ArcKind> 
             ("line", ArcKind::Line),
             ("circle", ArcKind::Circle { sagitta_m }),
             ("spine", ArcKind::Spine),
+            ("relaid", ArcKind::Relaid),
         ],
     )
 }

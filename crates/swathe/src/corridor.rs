@@ -45,6 +45,8 @@ pub enum ArcKind {
     },
     /// The way that a search on coarse terrain finds, laid by the caller.
     Spine,
+    /// The cheapest way over what is known so far and may still be ground, laid anew whenever more is known.
+    Relaid,
 }
 
 /// An arc and the width of the swathe around it.
@@ -87,7 +89,7 @@ impl Corridor {
                 sagitta = Some(sagitta_m);
                 circle(start, goal, sagitta_m)?
             }
-            ArcKind::Spine => {
+            ArcKind::Spine | ArcKind::Relaid => {
                 lay().map_or_else(|| vec![start, goal], |points| simplify(&points, geometry.cell_size_m()))
             }
         };
@@ -96,6 +98,15 @@ impl Corridor {
             width_m,
             sagitta_m: sagitta,
         })
+    }
+
+    /// A swathe of a width around an arc that was laid by the caller.
+    pub fn around(geometry: GridGeometry, arc: &[Position], width_m: f64) -> Self {
+        Self {
+            arc: simplify(arc, geometry.cell_size_m()),
+            width_m,
+            sagitta_m: None,
+        }
     }
 
     /// The arc's points from start to goal.

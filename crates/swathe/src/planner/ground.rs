@@ -244,7 +244,7 @@ impl<'a> Ground<'a> {
     fn add(&self, cell: Cell, run_m: f64, rise_m: f64, facts: &mut SegmentFacts) -> Option<Obstacle> {
         let soil = self.soil_code(cell);
         let grade = rise_m / run_m;
-        let Some(speed_mps) = self.speed_mps(soil, grade) else {
+        let Some(speed_mps) = speed_mps(self.vehicle, &self.soils[soil], grade) else {
             return Some(Obstacle::Force(cell));
         };
         let length_m = run_m.hypot(rise_m);
@@ -291,26 +291,6 @@ impl<'a> Ground<'a> {
         let cos = 1.0 / (1.0 + grade * grade).sqrt();
         let weight_n = self.vehicle.mass_kg * GRAVITY_MPS2;
         weight_n * cos * (self.soils[soil].rolling_resistance + grade)
-    }
-
-    /// Greatest speed on a soil and grade, or `None` where the brakes cannot hold the vehicle.
-    fn speed_mps(&self, soil: usize, grade: f64) -> Option<f64> {
-        let vehicle = self.vehicle;
-        let cos = 1.0 / (1.0 + grade * grade).sqrt();
-        let mut speed_mps = self.soils[soil].speed_mps;
-        let resistance = self.soils[soil].rolling_resistance + grade;
-        if resistance > 0.0 {
-            let force_n = vehicle.mass_kg * GRAVITY_MPS2 * cos * resistance;
-            speed_mps = speed_mps.min(vehicle.drive_efficiency * vehicle.power_w / force_n);
-        }
-        // v² / a + v t = d with twice the deceleration a.
-        let doubled_mps2 = 2.0 * GRAVITY_MPS2 * cos * (vehicle.braking_friction + grade);
-        if doubled_mps2 <= 0.0 {
-            return None;
-        }
-        let t = vehicle.reaction_time_s;
-        let stopping = (t * t + 4.0 * vehicle.sight_distance_m / doubled_mps2).sqrt() - t;
-        Some(speed_mps.min(stopping * doubled_mps2 / 2.0))
     }
 
     /// Height at an inner border of a template.
@@ -386,7 +366,7 @@ impl StepGraph for Ground<'_> {
             if grade > up * (1.0 + SLACK) || grade < -self.vehicle.grade_down * (1.0 + SLACK) {
                 return f64::INFINITY;
             }
-            let Some(speed_mps) = self.speed_mps(soil, grade) else {
+            let Some(speed_mps) = speed_mps(self.vehicle, &self.soils[soil], grade) else {
                 return f64::INFINITY;
             };
             let time_s = run_m * (1.0 + grade * grade).sqrt() / speed_mps;
@@ -402,6 +382,25 @@ impl StepGraph for Ground<'_> {
         // A hair less than the bound, so that rounding cannot make it inconsistent.
         self.least_cost_per_m() * (1.0 - 1e-12) * distance_m
     }
+}
+
+/// Greatest speed on a soil and grade, or `None` where the brakes cannot hold the vehicle.
+pub(super) fn speed_mps(vehicle: &Vehicle, soil: &Trafficability, grade: f64) -> Option<f64> {
+    let cos = 1.0 / (1.0 + grade * grade).sqrt();
+    let mut speed_mps = soil.speed_mps;
+    let resistance = soil.rolling_resistance + grade;
+    if resistance > 0.0 {
+        let force_n = vehicle.mass_kg * GRAVITY_MPS2 * cos * resistance;
+        speed_mps = speed_mps.min(vehicle.drive_efficiency * vehicle.power_w / force_n);
+    }
+    // v² / a + v t = d with twice the deceleration a.
+    let doubled_mps2 = 2.0 * GRAVITY_MPS2 * cos * (vehicle.braking_friction + grade);
+    if doubled_mps2 <= 0.0 {
+        return None;
+    }
+    let t = vehicle.reaction_time_s;
+    let stopping = (t * t + 4.0 * vehicle.sight_distance_m / doubled_mps2).sqrt() - t;
+    Some(speed_mps.min(stopping * doubled_mps2 / 2.0))
 }
 
 /// The four centres around a point given in cells from the corner, with their bilinear weights.

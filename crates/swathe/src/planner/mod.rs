@@ -3,6 +3,7 @@
 mod answer;
 mod cells;
 mod ground;
+mod guided;
 mod plan;
 mod radix_heap;
 mod refusal;

@@ -20,7 +20,7 @@ use super::{Obstacle, PlannerError};
 const SNAP_CELLS: f64 = 2.0;
 
 /// Ticks after which a swarm that has not finished is taken as it is: far beyond what a swarm that can finish needs.
-const MOST_TICKS: u64 = 100_000_000;
+pub(super) const MOST_TICKS: u64 = 100_000_000;
 
 /// Plans a route over ranked terrain.
 ///
@@ -64,7 +64,10 @@ pub fn plan(
             let rank = ranker.rank_all();
             answer.cells_evaluated = geometry.cell_count() as u64;
             let nests = exact_nests(&rank, None, &request.swarm.nest)?;
-            planner.finish(answer, nests, None, report)
+            planner.finish(answer, nests, Searched::Whole, report)
+        }
+        Method::Swarm if request.arc == ArcKind::Relaid && !request.certify && request.width_m.is_none() => {
+            planner.with_guided_swarm(answer, report)
         }
         Method::Swarm => planner.with_swarm(answer, report),
     }
@@ -89,29 +92,46 @@ fn outside(geometry: GridGeometry, name: &str, place: Position) -> Refusal {
     }
 }
 
-/// Cells of both ends inside nests.
-struct Ends {
-    start: (Cell, f64),
-    goal: (Cell, f64),
-    connected: bool,
+/// Cells of both ends inside nests, with how far they were moved in metres.
+pub(super) struct Ends {
+    pub(super) start: (Cell, f64),
+    pub(super) goal: (Cell, f64),
+    pub(super) connected: bool,
+}
+
+/// Which cells are settled: known to be nests or not.
+#[derive(Clone, Copy)]
+pub(super) enum Searched<'a> {
+    /// All of the map.
+    Whole,
+    /// All inside a swathe.
+    Swathe(&'a Layer<bool>),
+    /// Some around the route.
+    Part,
+}
+
+impl Searched<'_> {
+    fn is_whole(&self) -> bool {
+        matches!(self, Self::Whole)
+    }
 }
 
 /// The request with everything that it is answered from.
-struct Planner<'a> {
-    terrain: Terrain<'a>,
-    ranker: &'a Ranker<'a>,
-    vehicle: &'a Vehicle,
-    params: &'a RankParams,
-    request: &'a PlanRequest,
-    ends: [Cell; 2],
+pub(super) struct Planner<'a> {
+    pub(super) terrain: Terrain<'a>,
+    pub(super) ranker: &'a Ranker<'a>,
+    pub(super) vehicle: &'a Vehicle,
+    pub(super) params: &'a RankParams,
+    pub(super) request: &'a PlanRequest,
+    pub(super) ends: [Cell; 2],
 }
 
 impl Planner<'_> {
-    fn geometry(&self) -> GridGeometry {
+    pub(super) fn geometry(&self) -> GridGeometry {
         self.terrain.elevation_m.geometry()
     }
 
-    fn places(&self) -> [Position; 2] {
+    pub(super) fn places(&self) -> [Position; 2] {
         [self.request.start, self.request.goal]
     }
 
@@ -124,7 +144,7 @@ impl Planner<'_> {
         let [start, goal] = self.places();
         let mut coarse_cells = 0;
         let mut points = None;
-        if self.request.arc == ArcKind::Spine {
+        if matches!(self.request.arc, ArcKind::Spine | ArcKind::Relaid) {
             let found = spine(self.terrain, self.vehicle, self.params, [start, goal])?;
             (points, coarse_cells) = (found.points, found.cells_evaluated);
         }
@@ -149,7 +169,16 @@ impl Planner<'_> {
             let refused = ends.is_err() && corridor.width_m() >= 2.0 * self.settled_radius_m();
             let connected = ends.is_ok_and(|ends| ends.connected);
             if refused || connected || whole {
-                answer = self.finish(answer, nests, (!whole).then_some(&inside), report)?;
+                answer = self.finish(
+                    answer,
+                    nests,
+                    if whole {
+                        Searched::Whole
+                    } else {
+                        Searched::Swathe(&inside)
+                    },
+                    report,
+                )?;
                 let again = !whole && (answer.answer.is_err() || self.request.certify && !answer.optimal);
                 if refused || !again {
                     return Ok(answer);
@@ -169,7 +198,7 @@ impl Planner<'_> {
 
     /// Distance around start and goal within which the swathe decides nothing any more: what is a nest within the reach of
     /// snapping depends on cells up to two vicinities farther.
-    fn settled_radius_m(&self) -> f64 {
+    pub(super) fn settled_radius_m(&self) -> f64 {
         (SNAP_CELLS + 2.0 * self.vicinity_reach() + 1.0) * 2f64.sqrt() * self.geometry().cell_size_m()
     }
 
@@ -181,7 +210,7 @@ impl Planner<'_> {
 
     /// The nest cells nearest to start and goal. On the whole map, where no wider swathe can connect them, a pair a little
     /// farther off is taken when it lies in one nest.
-    fn snap(&self, nests: &Nests, whole: bool) -> Result<Ends, Status> {
+    pub(super) fn snap(&self, nests: &Nests, whole: bool) -> Result<Ends, Status> {
         let geometry = self.geometry();
         let near = |end: Cell, place: Position| {
             let steps = crate::grid::disc(SNAP_CELLS);
@@ -232,16 +261,16 @@ impl Planner<'_> {
         })
     }
 
-    /// Searches the way on finished nests. `inside` is the swathe when it is not the whole map.
-    fn finish(
+    /// Searches the way on the nests that were found.
+    pub(super) fn finish(
         &self,
         mut answer: Plan,
         nests: Nests,
-        inside: Option<&Layer<bool>>,
+        searched: Searched,
         report: &mut StageReport,
     ) -> Result<Plan, PlannerError> {
         let geometry = self.geometry();
-        let ends = match self.snap(&nests, inside.is_none()) {
+        let ends = match self.snap(&nests, searched.is_whole()) {
             Ok(ends) => ends,
             Err(status) => {
                 let which = usize::from(status == Status::GoalBlocked);
@@ -261,7 +290,7 @@ impl Planner<'_> {
         };
         answer.start = Some((self.standing(ends.start, self.request.start), ends.start.1));
         answer.goal = Some((self.standing(ends.goal, self.request.goal), ends.goal.1));
-        let bridging = !ends.connected && self.request.bridge && inside.is_none();
+        let bridging = !ends.connected && self.request.bridge && searched.is_whole();
         if !ends.connected && !bridging {
             let refusal = self.why_disconnected(&nests, &ends);
             answer.nests = Some(nests);
@@ -283,7 +312,7 @@ impl Planner<'_> {
                 return Ok(answer.refused(refusal));
             }
             Search::Found { cells, cost } => {
-                answer.optimal = !bridging && self.is_optimal(inside, cost, &ends, &ground);
+                answer.optimal = !bridging && self.is_optimal(searched, cost, &ends, &ground);
                 let route = self.route(&ground, &cells, &answer);
                 match route {
                     Ok(route) => {
@@ -314,7 +343,7 @@ impl Planner<'_> {
         }
     }
 
-    fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool) -> Ground<'_> {
+    pub(super) fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool) -> Ground<'_> {
         let geometry = self.geometry();
         let labels = nests.labels().data();
         let nest = nests.label(ends.start.0);
@@ -360,10 +389,14 @@ impl Planner<'_> {
     }
 
     /// Whether no way that leaves the searched cells can cost less: it would have to leave the widest capsule inside them.
-    fn is_optimal(&self, inside: Option<&Layer<bool>>, cost: f64, ends: &Ends, ground: &Ground) -> bool {
+    fn is_optimal(&self, searched: Searched, cost: f64, ends: &Ends, ground: &Ground) -> bool {
         let geometry = self.geometry();
         let [start, goal] = [ends.start.0, ends.goal.0].map(|cell| geometry.centre(cell));
-        let mut half_m = inside.map_or(f64::INFINITY, |inside| capsule_half_width_m(inside, start, goal));
+        let mut half_m = match searched {
+            Searched::Whole => f64::INFINITY,
+            Searched::Swathe(inside) => capsule_half_width_m(inside, start, goal),
+            Searched::Part => 0.0,
+        };
         if self.terrain.map_continues {
             let rim = geometry.cells().filter(|cell| {
                 cell.row == 0

@@ -10,6 +10,8 @@ use crate::rank::{CellRank, CellSource};
 use super::agents::{Extent, Field};
 use super::{SwarmError, SwarmParams};
 
+mod guided;
+
 /// What is known of a cell, one bit each.
 mod flag {
     pub(super) const INSIDE: u8 = 1;
@@ -248,8 +250,12 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
 
     /// One synchronous tick: move, evaluate, drop, build.
     fn tick(&mut self) {
-        let tick = self.tally.ticks - self.epoch_start;
-        let visits = self.visits(tick);
+        let visits = self.visits(self.tally.ticks - self.epoch_start);
+        self.settle(visits);
+    }
+
+    /// Takes in what the agents saw in a tick, in the order of the agents.
+    fn settle(&mut self, visits: Vec<Option<(usize, Option<CellRank>)>>) {
         self.tally.ticks += 1;
         let mut full = Vec::new();
         for (agent, visit) in visits.into_iter().enumerate() {

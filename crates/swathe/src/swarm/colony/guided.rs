@@ -1,0 +1,63 @@
+//! A colony whose agents are sent: the caller decides where they are deployed, the rules of nests stay the same.
+
+use crate::grid::Cell;
+use crate::rank::CellSource;
+
+use super::{Colony, flag};
+
+impl<Source: CellSource> Colony<'_, Source> {
+    /// Ticks in which the agents visit these cells, as many a tick as there are agents.
+    pub fn send(&mut self, cells: &[Cell]) {
+        for sent in cells.chunks(self.agents.len().max(1)) {
+            let visits = sent.iter().map(|&cell| {
+                let index = self.geometry.index(cell);
+                let known = self.flags[index] & (flag::EVALUATED | flag::INSIDE) != flag::INSIDE;
+                let rank = (!known).then(|| self.source.cell_rank(cell));
+                (self.flags[index] & flag::INSIDE > 0).then_some((index, rank))
+            });
+            let visits = visits.collect();
+            self.settle(visits);
+        }
+    }
+
+    /// Whether a cell is known to be suitable.
+    pub fn is_suitable(&self, cell: Cell) -> bool {
+        self.flags[self.geometry.index(cell)] & flag::SUITABLE > 0
+    }
+
+    /// Whether a cell lies in a nest.
+    pub fn is_nest(&self, cell: Cell) -> bool {
+        self.flags[self.geometry.index(cell)] & flag::NEST > 0
+    }
+
+    /// Whether a cell may still become a core.
+    pub fn is_open(&self, cell: Cell) -> bool {
+        self.flags[self.geometry.index(cell)] & (flag::INSIDE | flag::DEAD | flag::CORE) == flag::INSIDE
+    }
+
+    /// Whether nothing that is known keeps a cell out of every nest: some cell of its vicinity is or may become a core.
+    pub fn may_be_nest(&self, cell: Cell) -> bool {
+        let index = self.geometry.index(cell);
+        if self.flags[index] & flag::NEST > 0 {
+            return true;
+        }
+        self.flags[index] & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
+            && self
+                .vicinity
+                .iter()
+                .any(|step| step.from(&self.geometry, cell).is_some_and(|core| self.is_open(core)))
+    }
+
+    /// The cells that must be settled before it is known whether `cell` lies in a nest.
+    pub fn open_cores(&self, cell: Cell) -> impl Iterator<Item = Cell> {
+        self.vicinity
+            .iter()
+            .filter_map(move |step| step.from(&self.geometry, cell))
+            .filter(|&core| self.is_open(core))
+    }
+
+    /// Number of cells that may still become cores.
+    pub fn open_count(&self) -> u64 {
+        self.open
+    }
+}
