@@ -19,13 +19,14 @@ class CorridorParams:
     """How the arc is laid and how wide the swathe is.
 
     Attributes:
-        arc: ``spine`` (a search on eight times coarser cells), ``circle`` (the paper's arc) or ``line``.
+        arc: ``relaid`` (the cheapest way over what is known so far, laid anew whenever more is known; there is no fixed
+            swathe), ``spine`` (a search on eight times coarser cells), ``circle`` (the paper's arc) or ``line``.
         sagitta_m: height of the circle over its chord, positive to the left; a tenth of the distance when None.
-        width_m: width of the swathe; a quarter of the distance, at least 20 cells, when None. It is doubled whenever
+        width_m: width of the swathe; a quarter of the distance, at least 20 cells, when None; a width fixes the arc. It is doubled whenever
             start and goal do not connect.
     """
 
-    arc: Literal["spine", "circle", "line"] = "spine"
+    arc: Literal["relaid", "spine", "circle", "line"] = "relaid"
     sagitta_m: float | None = None
     width_m: float | None = None
 

@@ -88,7 +88,7 @@ class TerrainRequest:
 class Settings:
     """How the ground is judged and the route is found.
 
-    ``agents``, ``pellet_max`` and ``arc`` are the profile's when None: 1024, 1 and a spine, or with the paper's
+    ``agents``, ``pellet_max`` and ``arc`` are the profile's when None: 1024, 1 and a re-laid arc, or with the paper's
     profiles 10, 3 and a circle.
     """
 
@@ -98,7 +98,7 @@ class Settings:
     agents: int | None = None
     pellet_max: int | None = None
     seed: int = 0
-    arc: Literal["spine", "circle", "line"] | None = None
+    arc: Literal["relaid", "spine", "circle", "line"] | None = None
     sagitta_m: float | None = None
     width_m: float | None = None
     bridge: bool = False
@@ -120,7 +120,7 @@ class Settings:
 
     def corridor_params(self) -> CorridorParams:
         """Return the arc and width of the swathe."""
-        arc = self.arc or ("circle" if self.follows_paper else "spine")
+        arc = self.arc or ("circle" if self.follows_paper else "relaid")
         return CorridorParams(arc, self.sagitta_m, self.width_m)
 
 

@@ -84,8 +84,8 @@ Pellets = Annotated[
 Seed = Annotated[int, typer.Option("--seed", help="Seed of every random draw.")]
 Threads = Annotated[int | None, typer.Option("--threads", help="Threads; the result is the same for any number.")]
 Arc = Annotated[
-    Literal["spine", "circle", "line"] | None,
-    typer.Option("--arc", help="How the arc is laid. [default: spine; circle in the paper's profiles]"),
+    Literal["relaid", "spine", "circle", "line"] | None,
+    typer.Option("--arc", help="How the arc is laid. [default: relaid; circle in the paper's profiles]"),
 ]
 Sagitta = Annotated[float | None, typer.Option("--sagitta", help="Height of the circular arc over its chord, metres.")]
 Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe, metres. [default: 1/4 of the way]")]
@@ -431,7 +431,7 @@ def _settings(
     seed: int,
     threads: int | None,
     weights: str | None,
-    arc: Literal["spine", "circle", "line"] | None = None,
+    arc: Literal["relaid", "spine", "circle", "line"] | None = None,
     sagitta: float | None = None,
     width: float | None = None,
     bridge: bool = False,

@@ -120,6 +120,15 @@ impl Plan {
         }
     }
 
+    /// Notes what a swarm that was never widened has done.
+    pub(super) fn note(&mut self, tally: &Tally) {
+        self.swarm = Some(SwarmReport {
+            tally: *tally,
+            widened: 0,
+        });
+        self.cells_evaluated = tally.cells_evaluated;
+    }
+
     pub(super) fn refused(mut self, refusal: Refusal) -> Self {
         self.answer = Err(refusal);
         self

@@ -18,7 +18,7 @@ use crate::swarm::{Colony, Ending};
 use crate::terrain::gradient_at;
 
 use super::PlannerError;
-use super::answer::{Plan, Stage, StageReport, SwarmReport};
+use super::answer::{Plan, Stage, StageReport};
 use super::plan::{MOST_TICKS, Planner, Searched};
 use super::search::{Search, StepGraph, search};
 
@@ -142,10 +142,13 @@ impl Planner<'_> {
         for end in self.ends {
             self.settle_around(&mut colony, &mut paces, &[end], reach);
         }
-        let nests = colony.nests()?;
+        let nests = colony.take_nests()?;
         let Ok(ends) = self.snap(&nests, false) else {
-            return self.give_up(answer, colony, report);
+            // Everything that decides whether the vehicle can stand there is settled.
+            answer.note(&colony.tally());
+            return self.finish(answer, nests, Searched::Part, report);
         };
+        colony.give_nests(&nests);
         drop(nests);
         let (start, goal) = (ends.start.0, ends.goal.0);
         let Some(arc) = self.connect(&mut colony, &mut paces, start, goal, report)? else {
@@ -159,11 +162,7 @@ impl Planner<'_> {
             &points,
             2.0 * POLISH_CELLS * geometry.cell_size_m(),
         ));
-        answer.swarm = Some(SwarmReport {
-            tally: colony.tally(),
-            widened: 0,
-        });
-        answer.cells_evaluated = colony.tally().cells_evaluated;
+        answer.note(&colony.tally());
         let nests = colony.take_nests()?;
         answer = self.finish(answer, nests, Searched::Part, report)?;
         if answer.answer.is_ok() {
@@ -188,11 +187,7 @@ impl Planner<'_> {
         if ending == Ending::Stopped {
             return Err(PlannerError::Stopped);
         }
-        answer.swarm = Some(SwarmReport {
-            tally: colony.tally(),
-            widened: 0,
-        });
-        answer.cells_evaluated = colony.tally().cells_evaluated;
+        answer.note(&colony.tally());
         let nests = colony.take_nests()?;
         self.finish(answer, nests, Searched::Whole, report)
     }

@@ -198,6 +198,84 @@ fn a_stop_is_heard_in_every_stage() {
     }
 }
 
+#[test]
+fn the_guided_swarm_finds_the_way_around_water_and_looks_at_little() {
+    let rows: Vec<String> = (0..60)
+        .map(|row| {
+            (0..60)
+                .map(|column| {
+                    if row > 10 && (28..32).contains(&column) {
+                        '~'
+                    } else {
+                        '.'
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let layers = world(&rows);
+    let mut ask = request(layers.0.geometry(), (30, 10), (30, 50));
+    ask.arc = ArcKind::Relaid;
+    let (guided, exact) = (
+        solve(&layers, &ask),
+        solve(
+            &layers,
+            &PlanRequest {
+                method: Method::Exact,
+                ..ask
+            },
+        ),
+    );
+    let (cost, best) = (guided.path_cost.unwrap(), exact.path_cost.unwrap());
+    assert!(cost <= best * 1.02, "{cost} {best}");
+    assert!(guided.cells_evaluated < 60 * 60 * 6 / 10, "{}", guided.cells_evaluated);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn the_guided_swarm_answers_as_the_exact_method_does(
+        seed: u64, a in 0usize..900, b in 0usize..900, holes in 0u32..9, agents in 1u32..90, pellet_max in 1u8..4,
+    ) {
+        let geometry = GridGeometry::new(30, 30, 10.0, 0.0, 0.0).unwrap();
+        let cells = geometry.cells().map(|cell| {
+            let draw = crate::random::philox([geometry.index(cell) as u32, 3, 0, 0], seed);
+            if draw[0] % 100 < holes { SoilClass::None as u8 } else { (draw[1] % 5) as u8 }
+        });
+        let layers = (
+            Layer::filled(geometry, 5.0f32),
+            Layer::new(geometry, cells.collect(), "soil").unwrap(),
+        );
+        let (a, b) = (geometry.cell(a), geometry.cell(b));
+        let mut ask = request(geometry, (a.row, a.column), (b.row, b.column));
+        ask.arc = ArcKind::Relaid;
+        ask.swarm.agents = agents;
+        ask.swarm.pellet_max = pellet_max;
+        let guided = solve(&layers, &ask);
+        let exact = solve(&layers, &PlanRequest { method: Method::Exact, ..ask });
+        let oracle = exact.nests.unwrap();
+        let found = guided.nests.as_ref().unwrap();
+        for cell in geometry.cells() {
+            prop_assert!(found.label(cell) == 0 || oracle.label(cell) > 0);
+        }
+        prop_assert!(guided.cells_evaluated <= 900);
+        match (&guided.answer, &exact.answer) {
+            (Ok(_), Ok(_)) => {
+                prop_assert!(guided.path_cost.unwrap() >= exact.path_cost.unwrap() * (1.0 - 1e-9));
+                prop_assert_eq!(guided.path.first(), exact.path.first());
+                prop_assert_eq!(guided.path.last(), exact.path.last());
+            }
+            (Err(refusal), Err(other)) => prop_assert_eq!(refusal.status, other.status),
+            (found, least) => prop_assert!(false, "{:?} {:?}", found, least),
+        }
+        let again = solve(&layers, &ask);
+        prop_assert_eq!(again.path, guided.path);
+        prop_assert_eq!(again.nests, guided.nests);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
