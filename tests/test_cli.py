@@ -327,7 +327,7 @@ class Terminal:
         ours, theirs = pty.openpty()
         self.process = subprocess.Popen(
             [commands.PROGRAM, *words], cwd=cwd, env=commands.environment({"TERM": "xterm", "COLUMNS": "100"}),
-            stdout=subprocess.PIPE, stderr=theirs, text=True,
+            stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=commands.hear_interrupts,
         )  # fmt: skip
         os.close(theirs)
         self.screen = ""
@@ -392,7 +392,7 @@ def wait_for(process: subprocess.Popen[str], out: Path, name: str = "") -> None:
     ],
 )
 def test_an_interrupted_plan_leaves_nothing(stage: str, by: signal.Signals, large: Path, here: Path) -> None:
-    running = Terminal(*way(large, "--vehicle", "tractor", from_to=CORNERS), cwd=here)
+    running = Terminal(*way(large, "--vehicle", "tractor", "--arc", "spine", from_to=CORNERS), cwd=here)
     running.read_until(stage)
     running.process.send_signal(by)
     finished = running.finish()

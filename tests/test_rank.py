@@ -379,7 +379,7 @@ def test_moistures_that_are_none_are_refused() -> None:
     [
         ({"profile": "lunar"}, "profile"),
         ({"soil_table": "table3"}, "soil table"),
-        ({"unknown_soil": "mud"}, "unknown soil"),
+        ({"unknown_soil": "mud"}, "Unknown soil"),
         ({"directions": "north"}, "directions"),
         ({"bands": "wide"}, "bands"),
         ({"rounding": "up"}, "rounding"),
