@@ -8,6 +8,7 @@
 //! stays unseen. A refusal is certain: no cell that may still be ground connects the ends.
 
 use std::cell::Cell as Shared;
+use std::f64::consts::SQRT_2;
 
 use crate::corridor::Corridor;
 use crate::grid::{Cell, EIGHT, GridGeometry, Position, Step, disc};
@@ -37,9 +38,12 @@ const MOST_POLISH: u32 = 12;
 /// Ticks without news after which the open cells of the arc are visited one by one.
 const PATIENCE: u32 = 4;
 
+/// Ticks for which an arc is kept while nothing known closes it.
+const KEEP_TICKS: u32 = 4;
+
 /// Share of the mean cost that the search for the arc takes as its bound: nearly blind to detours that would be cheaper
 /// than the mean, and quick.
-const HOPE: f64 = 0.9;
+const HOPE: f64 = 1.0;
 
 /// Tells the draws of deployments from all others.
 const DRAW: u32 = 0x5377_6174;
@@ -81,21 +85,22 @@ impl Paces {
         }
     }
 
-    fn at(&self, index: usize) -> f64 {
-        match self.codes[index].get() {
+    /// The cost that each code stands for.
+    fn table(&self) -> [f64; 256] {
+        std::array::from_fn(|code| match code {
             0 => self.mean(),
-            code => self.least * (f64::from(code - 1) / Self::STEPS).exp(),
-        }
+            code => self.least * ((code as f64 - 1.0) / Self::STEPS).exp(),
+        })
     }
 }
 
 /// The map as hoped for: what is no nest is closed, what is not seen costs the mean.
 struct Hope<'a, 'b> {
     colony: &'a Colony<'b, crate::rank::Ranker<'b>>,
-    paces: &'a Paces,
+    codes: &'a [Shared<u8>],
+    table: [f64; 256],
     geometry: GridGeometry,
-    goal: Position,
-    mean: f64,
+    goal: Cell,
 }
 
 impl StepGraph for Hope<'_, '_> {
@@ -120,12 +125,17 @@ impl StepGraph for Hope<'_, '_> {
         if rows != 0 && columns != 0 && (open(rows, 0).is_none() || open(0, columns).is_none()) {
             return f64::INFINITY;
         }
-        let paces = self.paces.at(self.geometry.index(from)) + self.paces.at(self.geometry.index(to));
+        let pace = |cell| self.table[usize::from(self.codes[self.geometry.index(cell)].get())];
+        let paces = pace(from) + pace(to);
         EIGHT[step].length_cells() * self.geometry.cell_size_m() * paces / 2.0
     }
 
     fn bound(&self, cell: Cell) -> f64 {
-        HOPE * self.mean * self.geometry.centre(cell).distance_m(self.goal)
+        // The length of the shortest way over eight neighbours.
+        let (rows, columns) = (cell.row.abs_diff(self.goal.row), cell.column.abs_diff(self.goal.column));
+        let (short, long) = (rows.min(columns) as f64, rows.max(columns) as f64);
+        let length_m = self.geometry.cell_size_m() * (long + (SQRT_2 - 1.0) * short);
+        HOPE * self.table[0] * length_m
     }
 }
 
@@ -204,17 +214,22 @@ impl Planner<'_> {
         let geometry = self.geometry();
         let total = geometry.centre(start).distance_m(geometry.centre(goal));
         let (mut tick, mut idle) = (0u32, 0);
+        let mut arc: Vec<Cell> = Vec::new();
         loop {
-            let hope = Hope {
-                colony,
-                paces,
-                geometry,
-                goal: geometry.centre(goal),
-                mean: paces.mean(),
-            };
-            let Search::Found { cells: arc, .. } = search(&hope, start, goal, &mut silent()) else {
-                return Ok(None);
-            };
+            let broken = !arc.iter().all(|&cell| colony.may_be_nest(cell));
+            if broken || tick.is_multiple_of(KEEP_TICKS) {
+                let hope = Hope {
+                    colony,
+                    codes: &paces.codes,
+                    table: paces.table(),
+                    geometry,
+                    goal,
+                };
+                let Search::Found { cells, .. } = search(&hope, start, goal, &mut silent()) else {
+                    return Ok(None);
+                };
+                arc = cells;
+            }
             let unsettled: Vec<Cell> = arc.iter().copied().filter(|&cell| !colony.is_nest(cell)).collect();
             let settled = 1.0 - unsettled.len() as f64 / arc.len() as f64;
             if !report(Stage::Regions, (settled * total) as u64, total as u64) {

@@ -37,11 +37,12 @@ impl<Source: CellSource> Colony<'_, Source> {
 
     /// Whether nothing that is known keeps a cell out of every nest: some cell of its vicinity is or may become a core.
     pub fn may_be_nest(&self, cell: Cell) -> bool {
-        let index = self.geometry.index(cell);
-        if self.flags[index] & flag::NEST > 0 {
+        let flags = self.flags[self.geometry.index(cell)];
+        // Most cells are unseen, and may be cores themselves.
+        if flags & flag::NEST > 0 || flags & (flag::INSIDE | flag::DEAD) == flag::INSIDE {
             return true;
         }
-        self.flags[index] & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
+        flags & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
             && self
                 .vicinity
                 .iter()
