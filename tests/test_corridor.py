@@ -103,7 +103,12 @@ def test_the_width_is_a_quarter_of_the_distance_but_at_least_20_cells_unless_giv
     given_width = lay("line", 90.0).corridor
     assert given_width is not None
     assert given_width.width_m == 90.0
-    wide = plan(region_of(np.zeros((40, 400), dtype=np.float32), 10.0), START, Position(4900.0, 8700.0))
+    wide = plan(
+        region_of(np.zeros((40, 400), dtype=np.float32), 10.0),
+        START,
+        Position(4900.0, 8700.0),
+        corridor=CorridorParams("spine"),
+    )
     assert wide.corridor is not None
     assert wide.corridor.width_m == pytest.approx(0.25 * math.dist(START, (4900.0, 8700.0)))
 

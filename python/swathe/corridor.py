@@ -22,8 +22,8 @@ class CorridorParams:
         arc: ``relaid`` (the cheapest way over what is known so far, laid anew whenever more is known; there is no fixed
             swathe), ``spine`` (a search on eight times coarser cells), ``circle`` (the paper's arc) or ``line``.
         sagitta_m: height of the circle over its chord, positive to the left; a tenth of the distance when None.
-        width_m: width of the swathe; a quarter of the distance, at least 20 cells, when None. A width fixes the arc. It is
-            doubled whenever start and goal do not connect.
+        width_m: width of the swathe; a quarter of the distance, at least 20 cells, when None; doubled whenever start
+            and goal do not connect. A width fixes the arc.
     """
 
     arc: Literal["relaid", "spine", "circle", "line"] = "relaid"

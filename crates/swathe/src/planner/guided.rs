@@ -142,6 +142,9 @@ impl StepGraph for Hope<'_, '_> {
 impl Planner<'_> {
     /// Plans with agents deployed around an arc that is laid anew whenever more is known.
     pub(super) fn with_guided_swarm(&self, mut answer: Plan, report: &mut StageReport) -> Result<Plan, PlannerError> {
+        if !report(Stage::Corridor, 0, 1) {
+            return Err(PlannerError::Stopped);
+        }
         let geometry = self.geometry();
         let everywhere = crate::grid::Layer::filled(geometry, true);
         let mut colony = Colony::deploy(self.ranker, &everywhere, self.request.swarm)?;
