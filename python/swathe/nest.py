@@ -258,8 +258,8 @@ def gaps_found(
 ) -> int:
     """Count how many of ``trials`` gaps at random places, above 0 and up to 2 navigation cells wide, the grids find.
 
-    A ``corridor`` is limited in width alone, a ``pocket`` is a square. Each gap is drawn as terrain, grids are made from
-    it, and it counts when some point of it is navigable. ``gap_share`` is what to expect.
+    A ``corridor`` is limited in width alone, a ``pocket`` is a square. Each gap is drawn as terrain, grids are made
+    from it, and it counts when some point of it is navigable. ``gap_share`` is what to expect.
 
     Raises:
         InvalidParameterError: a parameter is outside its range.
