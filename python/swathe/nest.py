@@ -151,7 +151,7 @@ class OverlappingGrids:
             "rank_min": _rank(rank_min),
         }
         shape = (geometry.rows, geometry.columns, geometry.cell_size_m, geometry.west_m, geometry.north_m)
-        self._core = _core.OverlappingGrids(self._rank, shape, tuple(position), params)
+        self._core = _core.OverlappingGrids(self._rank, shape, _place(position), params)
 
     @property
     def phases(self) -> tuple[tuple[float, float], ...]:
@@ -173,7 +173,7 @@ class OverlappingGrids:
         Raises:
             InvalidParameterError: not one of radius and rectangle is given, or a length is not finite or below 0.
         """
-        answer, grids, disagreement = self._core.navigable(tuple(position), heading_rad, radius_m, rectangle_m)
+        answer, grids, disagreement = self._core.navigable(_place(position), heading_rad, radius_m, rectangle_m)
         return Navigability(answer, tuple(grids), disagreement)
 
     def recentre(self, position: Position) -> int:
@@ -184,7 +184,7 @@ class OverlappingGrids:
         Raises:
             InvalidParameterError: the position is not finite.
         """
-        return self._core.recentre(self._rank, tuple(position))
+        return self._core.recentre(self._rank, _place(position))
 
     def refresh(self, rank: ArrayLike, changed: Window) -> int:
         """Take a new rank map that differs inside ``changed`` alone; return how many terrain cells were evaluated.
@@ -195,7 +195,8 @@ class OverlappingGrids:
         if min(changed) < 0:
             raise InvalidParameterError(f"The window {tuple(changed)} is not usable.", "Give counts of 0 or more.")
         self._rank = self._ranks_of(rank)
-        return self._core.refresh(self._rank, tuple(changed))
+        row, column, rows, columns = changed
+        return self._core.refresh(self._rank, (row, column, rows, columns))
 
     def geometry(self, grid: int) -> GridGeometry:
         """Return the geometry of a grid's cells in the window.
@@ -211,7 +212,8 @@ class OverlappingGrids:
         Raises:
             InvalidParameterError: there is no grid of this number.
         """
-        return self._core.ranks(self._number(grid))
+        ranks: NDArray[np.uint8] = self._core.ranks(self._number(grid))
+        return ranks
 
     def nests(self, grid: int) -> Nests:
         """Return the nests of a grid in the window.
@@ -371,6 +373,11 @@ def _shape(nests: Nests, geometry: GridGeometry) -> tuple[int, int, float, float
             "Give the geometry on which the nests were found.",
         )
     return (geometry.rows, geometry.columns, geometry.cell_size_m, geometry.west_m, geometry.north_m)
+
+
+def _place(position: Position) -> tuple[float, float]:
+    x_m, y_m = position
+    return (x_m, y_m)
 
 
 def _rank(value: int) -> int:
