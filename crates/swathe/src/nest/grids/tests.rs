@@ -307,6 +307,26 @@ fn a_cell_has_the_least_rank_that_it_touches_and_none_beyond_the_terrain() {
 }
 
 #[test]
+fn a_cell_that_ends_on_a_terrain_edge_but_for_rounding_does_not_touch_the_next() {
+    // Three terrain cells of 0.1 m make a navigation cell of 0.3 m, in numbers that are not exact. Every second
+    // strip of three columns is closed.
+    let geometry = GridGeometry::new(30, 30, 0.1, 0.0, 0.0).unwrap();
+    let ranks: Vec<u8> = geometry
+        .cells()
+        .map(|cell| if cell.column / 3 % 2 == 0 { 8 } else { 1 })
+        .collect();
+    let map = RankMap::from_ranks(geometry, &ranks).unwrap();
+    let params = GridsParams {
+        window_cells: 10,
+        ..GridsParams::new(0.3 / 4.0)
+    };
+    let grids = OverlappingGrids::new(params, Position::new(1.55, -1.55), &map).unwrap();
+    assert_eq!(grids.geometry(0).unwrap().west_m(), 0.0);
+    let expected: Vec<u8> = (0..100).map(|cell| if cell % 2 == 0 { 8 } else { 1 }).collect();
+    assert_eq!(grids.ranks(0), Some(&expected[..]));
+}
+
+#[test]
 fn outside_the_window_the_terrain_and_the_numbers_nothing_is_navigable() {
     let geometry = GridGeometry::new(40, 40, 1.0, 0.0, 40.0).unwrap();
     let map = RankMap::new(Layer::filled(geometry, CellRank::ranked(10)));
@@ -384,6 +404,11 @@ fn figures_outside_their_range_and_moved_terrain_are_refused() {
     let at = Position::new(515.0, 889.0);
     let good = GridsParams::for_vehicle(&fixtures::pioneer());
     assert!((good.cell_size_m() - 4.0 * 0.51f64.hypot(0.5)).abs() < 1e-12);
+    let area = GridsParams {
+        reading: SizeReading::Area,
+        ..good.clone()
+    };
+    assert!((area.cell_size_m() - 2.0 * 0.51f64.hypot(0.5)).abs() < 1e-12);
     let wrong = [
         GridsParams {
             size_m: 0.0,
