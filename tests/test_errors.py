@@ -135,6 +135,16 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "A vicinity of radius -1 cells is not usable: 0 to 50 is allowed.",
         "Give moore1, von_neumann1, cell or disk:r.",
     ),
+    "nest.figure": (
+        InvalidParameterError,
+        "The width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value, or give one inside the range.",
+    ),
+    "nest.evidence_moved": (
+        InvalidParameterError,
+        "The terrain is not on the geometry that the overlapping grids were made on.",
+        "Make new grids on the new terrain.",
+    ),
     "swarm.nest": RANK_MIN_0,
     "swarm.grid": EMPTY,
     "swarm.parameter": SWARM,

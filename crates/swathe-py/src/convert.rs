@@ -48,7 +48,7 @@ where
     }
 }
 
-fn word<T>(name: &str, given: &str, table: &[(&str, T)]) -> PyResult<T>
+pub(crate) fn word<T>(name: &str, given: &str, table: &[(&str, T)]) -> PyResult<T>
 where
     T: Copy,
 {

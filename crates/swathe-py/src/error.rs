@@ -158,6 +158,8 @@ fn of_nest(error: &NestError) -> Class {
         NestError::Grid(error) => of_grid(error),
         NestError::RankMin { .. } => Class::Parameter("Give 6 with gates or 7 without."),
         NestError::Vicinity { .. } => Class::Parameter("Give moore1, von_neumann1, cell or disk:r."),
+        NestError::Figure { .. } => Class::Parameter("Leave it out for the usual value, or give one inside the range."),
+        NestError::EvidenceMoved => Class::Parameter("Make new grids on the new terrain."),
     }
 }
 
@@ -270,6 +272,8 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("nest.rank_min", NestError::RankMin { rank: 11 }.into()),
         ("nest.vicinity", NestError::Vicinity { radius_cells: -1.0 }.into()),
+        ("nest.figure", NestError::Figure { name, given, allowed }.into()),
+        ("nest.evidence_moved", NestError::EvidenceMoved.into()),
         ("swarm.nest", SwarmError::Nest(NestError::RankMin { rank: 0 }).into()),
         (
             "swarm.grid",

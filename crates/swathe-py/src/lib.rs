@@ -7,6 +7,7 @@
 
 mod convert;
 mod error;
+mod grids;
 mod nest;
 mod planner;
 mod progress;
@@ -21,6 +22,8 @@ mod vehicle;
 mod _core {
     #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
+    #[pymodule_export]
+    use crate::grids::{OverlappingGrids, gap_share, gaps_found};
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]

@@ -6,6 +6,7 @@
 mod bit_rows;
 mod exact;
 mod graph;
+mod grids;
 mod outline;
 mod union_find;
 
@@ -16,6 +17,10 @@ use crate::grid::{Cell, GridError, GridGeometry, Layer, Step, disc};
 pub use bit_rows::BitRows;
 pub use exact::{exact_nests, nests_of_cells, suitable_cells};
 pub use graph::{Gap, nest_graph};
+pub use grids::{
+    DISAGREEMENT_COST_FACTOR, DISAGREEMENT_SPEED_FACTOR, Footprint, GRIDS_MAX, GapShape, GridMode, GridsParams,
+    Navigability, OverlappingGrids, Phase, RankCodes, SizeReading, gap_share, gaps_found, product_phases,
+};
 pub use outline::{Outline, Ring, outlines};
 pub use union_find::UnionFind;
 
@@ -37,6 +42,19 @@ pub enum NestError {
         /// The value given.
         radius_cells: f64,
     },
+    /// A figure of the overlapping grids is outside its range.
+    #[error("The {name} of {given} is not usable: {allowed}.")]
+    Figure {
+        /// The figure.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// Overlapping grids were given terrain of another geometry than they were made on.
+    #[error("The terrain is not on the geometry that the overlapping grids were made on.")]
+    EvidenceMoved,
 }
 
 /// The cells around a cell that must be suitable for it to become a nest's core.
