@@ -13,7 +13,7 @@ use thiserror::Error;
 use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
-pub use colony::{Colony, Ending, Tally};
+pub use colony::{Changes, Colony, Ending, Tally};
 
 /// Most agents of a swarm.
 pub const MOST_AGENTS: u32 = 1_000_000;
