@@ -6,17 +6,20 @@ which it agrees cell for cell once it is finished. At every earlier time its nes
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from swathe import _core
 from swathe.errors import InvalidParameterError, ShapeMismatchError
+from swathe.grid import Window
 from swathe.nest import NestParams, Nests
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
+    from concurrent.futures import Executor, Future
 
     from numpy.typing import NDArray
 
@@ -72,7 +75,7 @@ class Tally:
     Attributes:
         ticks: ticks so far.
         visits: visits of agents to cells.
-        cells_evaluated: cells whose rank was asked for, each once.
+        cells_evaluated: cells whose rank was asked for, each once (by ``run_tiles`` each once a tile).
         cores: cores found.
         connected_at: tick in which start and goal came into one nest, if they did.
     """
@@ -115,12 +118,136 @@ def run_swarm(
             f"The mask has the shape {mask.shape} where the grid has {region.geometry.shape}.",
             "Give one value per cell.",
         )
-    limit = UNTIL_FINISHED if ticks is None else ticks
-    if not 0 <= limit <= UNTIL_FINISHED:
-        raise InvalidParameterError(f"{ticks} ticks cannot be spent.", "Give 0 or more.")
+    limit = _limit(ticks)
     found = _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress)
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
     return Swarm(nests, found["ending"], tally(found))
+
+
+def _limit(ticks: int | None) -> int:
+    limit = UNTIL_FINISHED if ticks is None else ticks
+    if not 0 <= limit <= UNTIL_FINISHED:
+        raise InvalidParameterError(f"{ticks} ticks cannot be spent.", "Give 0 or more.")
+    return limit
+
+
+class _Tile(NamedTuple):
+    """A tile's share of the work as it goes to a worker: the ground of its window and what to do there."""
+
+    ground: Region
+    window: Window
+    map_shape: tuple[int, int]
+    own: Window
+    params: SwarmParams
+    ticks: int
+    threads: int | None
+
+    def run(self) -> dict[str, Any]:
+        """Run the swarm of the tile."""
+        first = (self.window.row, self.window.column)
+        arguments = self.params.core_arguments()
+        return _core.run_tile(self.ground.core, first, self.map_shape, self.own, arguments, self.ticks, self.threads)
+
+
+def run_tiles(
+    region: Region,
+    params: SwarmParams | None = None,
+    *,
+    tile_cells: int = 512,
+    executor: Executor | None = None,
+    ticks: int | None = None,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> Swarm:
+    """Run a swarm of its own in every tile of a region and merge their nests along the seams.
+
+    The nests of finished tiles are those of ``run_swarm`` and ``exact_nests``, whatever the size of tiles and whoever
+    runs them. Each tile is sent with the ground of its window alone, so that workers need not hold the map.
+
+    Args:
+        region: the ground.
+        params: how each tile's swarm works; tiles draw seeds of their own from its seed.
+        tile_cells: cells along a side of a tile, at least 1; each tile looks at a rim as wide as the vicinity reaches.
+        executor: threads or processes of ``concurrent.futures`` that run the tiles, each with one thread of the core;
+            None runs tile after tile, with all threads in each.
+        ticks: most ticks of each tile; None goes on until it is finished.
+        on_progress: told the tiles done and in all; returns False to stop with the nests of the tiles that are done.
+
+    Returns:
+        The nests, how the tiles ended (``finished`` if all did) and the sum of their tallies; ``ticks`` is that of the
+        tile that took longest.
+
+    Raises:
+        UsageError: a parameter is outside its range.
+    """
+    params = params or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
+    if not 1 <= tile_cells <= 2**32:
+        raise InvalidParameterError(f"Tiles of {tile_cells} cells cannot be laid.", "Give 1 to 4294967296.")
+    limit = _limit(ticks)
+    shape = region.geometry.shape
+    jobs = _core.tile_jobs(shape, tile_cells, params.core_arguments())
+    threads = None if executor is None else 1
+    tiles = (
+        _Tile(
+            _part(region, Window(*window)),
+            Window(*window),
+            shape,
+            Window(*own),
+            replace(params, seed=seed),
+            limit,
+            threads,
+        )
+        for own, window, seed in jobs
+    )
+    results = (tile.run() for tile in tiles) if executor is None else _submitted(executor, tiles)
+    done: list[dict[str, Any]] = []
+    stopped = on_progress is not None and not on_progress("regions", 0, len(jobs))
+    with closing(results):
+        while not stopped and len(done) < len(jobs):
+            done.append(next(results))
+            stopped = on_progress is not None and not on_progress("regions", len(done), len(jobs))
+    found = [(result["own"], result["window"], result["labels"]) for result in done]
+    labels, sizes = _core.merge_tiles(shape, asdict(params.nest), found)
+    endings = {str(result["ending"]) for result in done}
+    ending = "stopped" if len(done) < len(jobs) else "ticks_spent" if "ticks_spent" in endings else "finished"
+    return Swarm(Nests(labels, np.asarray(sizes, dtype=np.uint32)), ending, _total(done))
+
+
+def _part(region: Region, window: Window) -> Region:
+    """Return the ground of a window, fit to be sent to another process."""
+    rows = slice(window.row, window.row + window.rows)
+    columns = slice(window.column, window.column + window.columns)
+    return replace(
+        region,
+        geometry=region.geometry.window(*window),
+        elevation_m=region.elevation_m[rows, columns],
+        # A copy without what the core has made of it.
+        vehicle=type(region.vehicle).model_construct(**dict(region.vehicle)),
+        soil=None if region.soil is None else region.soil[rows, columns],
+        grey=None if region.grey is None else region.grey[rows, columns],
+        zones=None if region.zones is None else region.zones[rows, columns],
+    )
+
+
+def _submitted(executor: Executor, tiles: Generator[_Tile, None, None]) -> Generator[dict[str, Any], None, None]:
+    """Hand out all tiles and yield their results in order; what is not wanted any more is withdrawn."""
+    waiting: list[Future[dict[str, Any]]] = []
+    try:
+        waiting.extend(executor.submit(tile.run) for tile in tiles)
+        for future in waiting:
+            yield future.result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _total(results: list[dict[str, Any]]) -> Tally:
+    return Tally(
+        ticks=max((result["ticks"] for result in results), default=0),
+        visits=sum(result["visits"] for result in results),
+        cells_evaluated=sum(result["cells_evaluated"] for result in results),
+        cores=sum(result["cores"] for result in results),
+        connected_at=None,
+    )
 
 
 def tally(found: dict[str, Any]) -> Tally:

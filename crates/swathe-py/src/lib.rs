@@ -35,7 +35,7 @@ mod _core {
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
-    use crate::swarm::run_swarm;
+    use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs};
     #[pymodule_export]
     use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
     #[pymodule_export]

@@ -75,6 +75,17 @@ impl Region {
         map_continues: bool,
         work: impl FnOnce(Terrain, &Ranker, &swathe::vehicle::Vehicle, &RankParams) -> Result<T, CoreError> + Send,
     ) -> PyResult<T> {
+        self.with_threads(py, None, map_continues, work)
+    }
+
+    /// The same on that many threads of its own: a worker process that was forked has none of its parent's.
+    pub(crate) fn with_threads<T: Send>(
+        &self,
+        py: Python<'_>,
+        threads: Option<usize>,
+        map_continues: bool,
+        work: impl FnOnce(Terrain, &Ranker, &swathe::vehicle::Vehicle, &RankParams) -> Result<T, CoreError> + Send,
+    ) -> PyResult<T> {
         let read = |array: &Py<PyArray2<f32>>| array.bind(py).readonly();
         let elevation_m: PyReadonlyArray2<f32> = read(&self.elevation_m);
         let grey = self.grey.as_ref().map(read);
@@ -85,7 +96,7 @@ impl Region {
         let soil = soil.as_ref().map(values).transpose()?;
         let zones = zones.as_ref().map(values).transpose()?;
         let (geometry, params, vehicle) = (self.geometry, self.params, &self.vehicle.get().inner);
-        let result = py.detach(move || {
+        let all = move || {
             let elevation_m = LayerView::new(geometry, elevation_m, "the elevation")?;
             let soil = soil
                 .map(|soil| LayerView::new(geometry, soil, "the soil layer"))
@@ -103,6 +114,11 @@ impl Region {
                 map_continues,
             };
             work(terrain, &ranker, vehicle, &params)
+        };
+        let pool = threads.and_then(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok());
+        let result = py.detach(move || match pool {
+            Some(pool) => pool.install(all),
+            None => all(),
         });
         Ok(result?)
     }

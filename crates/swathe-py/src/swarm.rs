@@ -1,12 +1,13 @@
 //! The swarm.
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::grid::Layer;
-use swathe::swarm::{Colony, Ending, Tally};
+use swathe::grid::{Cell, GridGeometry, Layer};
+use swathe::swarm::{Colony, Ending, Tally, TileJob, TileResult, Window};
 
-use crate::convert::{swarm_params, values};
+use crate::convert::{array, geometry, nest_params, swarm_params, values};
+use crate::error::CoreError;
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
@@ -49,13 +50,111 @@ pub(crate) fn run_swarm<'py>(
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;
     found.set_item("sizes", sizes)?;
-    found.set_item(
-        "ending",
-        match ending {
-            Ending::Finished => "finished",
-            Ending::TicksSpent => "ticks_spent",
-            Ending::Stopped => "stopped",
-        },
-    )?;
+    found.set_item("ending", word(ending))?;
     Ok(found)
+}
+
+fn word(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Finished => "finished",
+        Ending::TicksSpent => "ticks_spent",
+        Ending::Stopped => "stopped",
+    }
+}
+
+/// (row, column, rows, columns) of a block of cells.
+type Block = (usize, usize, usize, usize);
+
+fn block(window: Window) -> Block {
+    (window.row, window.column, window.rows, window.columns)
+}
+
+fn window((row, column, rows, columns): Block) -> Window {
+    Window {
+        row,
+        column,
+        rows,
+        columns,
+    }
+}
+
+/// A map of this many rows and columns; where it lies does not matter to a swarm.
+fn map((rows, columns): (usize, usize)) -> PyResult<GridGeometry> {
+    geometry((rows, columns, 1.0, 0.0, 0.0))
+}
+
+/// (own cells, cells whose terrain the tile needs, seed) of every tile of a map.
+#[pyfunction]
+pub(crate) fn tile_jobs(
+    map_shape: (usize, usize),
+    tile_cells: usize,
+    params: &Bound<'_, PyDict>,
+) -> PyResult<Vec<(Block, Block, u64)>> {
+    let jobs = swathe::swarm::tile_jobs(map(map_shape)?, tile_cells, swarm_params(params)?).map_err(CoreError::from)?;
+    let jobs = jobs.iter().map(|job| {
+        let terrain = job.terrain_window().map_err(CoreError::from)?;
+        Ok((block(job.own), block(terrain), job.params.seed))
+    });
+    jobs.collect()
+}
+
+/// Runs the swarm of a tile on the part of the map that begins at `first`; returns its window, labels, how it ended and the
+/// tally.
+#[pyfunction]
+#[pyo3(signature = (region, first, map_shape, own, params, ticks, threads))]
+#[allow(clippy::too_many_arguments, reason = "a job's parts, called from one place")]
+pub(crate) fn run_tile<'py>(
+    py: Python<'py>,
+    region: &Region,
+    first: (usize, usize),
+    map_shape: (usize, usize),
+    own: Block,
+    params: &Bound<'py, PyDict>,
+    ticks: u64,
+    threads: Option<usize>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let job = TileJob {
+        map: map(map_shape)?,
+        own: window(own),
+        params: swarm_params(params)?,
+    };
+    let mut told = PythonReport::new(None);
+    let result = region.with_threads(py, threads, false, |_, ranker, _, _| {
+        let first = Cell::new(first.0, first.1);
+        Ok(job.run(ranker, first, ticks, &mut |done, total| {
+            told.tell("regions", done, total)
+        })?)
+    });
+    let result = told.settle(result)?;
+    let found = tally_dict(py, result.tally)?;
+    let part = map((result.window.rows, result.window.columns))?;
+    found.set_item("own", block(result.own))?;
+    found.set_item("window", block(result.window))?;
+    found.set_item("labels", array(py, part, result.labels)?)?;
+    found.set_item("ending", word(result.ending))?;
+    Ok(found)
+}
+
+/// (labels, cells of each nest) of a map from (own cells, window, labels) of its tiles, in any order.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "an array and its counts; what a tile found")]
+pub(crate) fn merge_tiles<'py>(
+    py: Python<'py>,
+    map_shape: (usize, usize),
+    params: &Bound<'py, PyDict>,
+    tiles: Vec<(Block, Block, PyReadonlyArray2<'py, u32>)>,
+) -> PyResult<(Bound<'py, PyArray2<u32>>, Vec<u32>)> {
+    let (map, params) = (map(map_shape)?, nest_params(params)?);
+    let results = tiles.iter().map(|(own, around, labels)| {
+        Ok(TileResult {
+            own: window(*own),
+            window: window(*around),
+            labels: values(labels)?.to_vec(),
+            ending: Ending::Finished,
+            tally: Tally::default(),
+        })
+    });
+    let results = results.collect::<PyResult<Vec<TileResult>>>()?;
+    let nests = py.detach(|| swathe::swarm::merge_tiles(map, &params, &results));
+    give(py, nests.map_err(CoreError::from)?)
 }

@@ -21,6 +21,13 @@ impl UnionFind {
         number
     }
 
+    /// Makes every one of `items` a set of one. They must be all the members of the sets that they are in.
+    pub fn separate(&mut self, items: &[u32]) {
+        for &item in items {
+            self.parent[item as usize] = item;
+        }
+    }
+
     /// The least member of the set that holds `item`.
     pub fn find(&mut self, item: u32) -> u32 {
         let mut here = item;

@@ -96,7 +96,7 @@ impl Paces {
 
 /// The map as hoped for: what is no nest is closed, what is not seen costs the mean.
 struct Hope<'a, 'b> {
-    colony: &'a Colony<'b, crate::rank::Ranker<'b>>,
+    colony: &'a Colony<&'b crate::rank::Ranker<'b>>,
     codes: &'a [Shared<u8>],
     table: [f64; 256],
     geometry: GridGeometry,
@@ -193,7 +193,7 @@ impl Planner<'_> {
     fn give_up(
         &self,
         mut answer: Plan,
-        mut colony: Colony<'_, crate::rank::Ranker<'_>>,
+        mut colony: Colony<&crate::rank::Ranker<'_>>,
         report: &mut StageReport,
     ) -> Result<Plan, PlannerError> {
         let ending = colony.run(MOST_TICKS, &mut |done, total| report(Stage::Regions, done, total));
@@ -208,7 +208,7 @@ impl Planner<'_> {
     /// Lays arcs and deploys agents around them until one lies in nests from end to end; `None` when no way is left.
     fn connect(
         &self,
-        colony: &mut Colony<'_, crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&crate::rank::Ranker<'_>>,
         paces: &mut Paces,
         start: Cell,
         goal: Cell,
@@ -278,7 +278,7 @@ impl Planner<'_> {
     /// Settles every cell within a distance of some cells.
     fn settle_around(
         &self,
-        colony: &mut Colony<'_, crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&crate::rank::Ranker<'_>>,
         paces: &mut Paces,
         cells: &[Cell],
         radius_cells: f64,
@@ -303,7 +303,7 @@ impl Planner<'_> {
     }
 
     /// Learns the costs of cells that turned out suitable.
-    fn see(&self, colony: &Colony<'_, crate::rank::Ranker<'_>>, paces: &mut Paces, cells: &[Cell]) {
+    fn see(&self, colony: &Colony<&crate::rank::Ranker<'_>>, paces: &mut Paces, cells: &[Cell]) {
         let geometry = self.geometry();
         for &cell in cells {
             let index = geometry.index(cell);
@@ -327,7 +327,7 @@ impl Planner<'_> {
     /// Settles everything near the best route and plans again until that gains next to nothing; returns the way.
     fn polish(
         &self,
-        colony: &mut Colony<'_, crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&crate::rank::Ranker<'_>>,
         arc: Vec<Cell>,
         report: &mut StageReport,
     ) -> Result<Vec<Cell>, PlannerError> {

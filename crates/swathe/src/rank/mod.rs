@@ -24,6 +24,9 @@ pub const RANK_MIN_GATED: u8 = 6;
 /// Lowest rank that counts as suitable without gates: 6 would let gravel cliffs pass.
 pub const RANK_MIN_LITERAL: u8 = 7;
 
+/// How far around a cell its rank looks, in cells: with this much ground about it, a window of a map is ranked like the map.
+pub const RANK_REACH_CELLS: usize = 1;
+
 /// Why a cell is no-go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
@@ -161,6 +164,16 @@ pub trait CellSource: Sync {
 
     /// Rank and reason of a cell. The same cell always gives the same answer.
     fn cell_rank(&self, cell: Cell) -> CellRank;
+}
+
+impl<Source: CellSource> CellSource for &Source {
+    fn geometry(&self) -> GridGeometry {
+        (**self).geometry()
+    }
+
+    fn cell_rank(&self, cell: Cell) -> CellRank {
+        (**self).cell_rank(cell)
+    }
 }
 
 impl CellSource for RankMap {

@@ -1,16 +1,18 @@
 //! The colony: all agents, the cells they know, and the nests they have built.
 
-use rayon::prelude::*;
+mod changes;
+mod guided;
+mod tick;
 
-use crate::grid::{Cell, FOUR, GridGeometry, Layer, Step};
-use crate::nest::{Contact, NestError, Nests, UnionFind};
+use crate::grid::{Cell, GridGeometry, Layer, Step};
+use crate::nest::{NestError, Nests, UnionFind};
 use crate::progress::Report;
-use crate::rank::{CellRank, CellSource};
+use crate::rank::CellSource;
 
-use super::agents::{Extent, Field};
+use super::agents::Extent;
 use super::{SwarmError, SwarmParams};
 
-mod guided;
+pub use changes::Changes;
 
 /// What is known of a cell, one bit each.
 mod flag {
@@ -21,10 +23,12 @@ mod flag {
     pub(super) const DEAD: u8 = 8;
     pub(super) const CORE: u8 = 16;
     pub(super) const NEST: u8 = 32;
+    /// Ground that is looked at for the cores beside it, but is nobody's to walk on or to be a core.
+    pub(super) const HALO: u8 = 64;
 }
 
-/// From this many agents on they are served by several threads.
-const PARALLEL_AGENTS: u32 = 4096;
+/// The bits that tell the ground of the agents: these cells are inside, and not of the halo.
+const GROUND: u8 = flag::INSIDE | flag::HALO;
 
 /// Ticks between two reports.
 const TICKS_PER_REPORT: u64 = 64;
@@ -47,17 +51,17 @@ pub struct Tally {
     pub ticks: u64,
     /// Visits of agents to cells.
     pub visits: u64,
-    /// Cells whose rank was asked for, each once.
+    /// Cells whose rank was asked for, each once, and once more for every [`Colony::update`] that names it.
     pub cells_evaluated: u64,
-    /// Cores found.
+    /// Cores that stand.
     pub cores: u64,
     /// Tick in which the two watched cells came into one nest.
     pub connected_at: Option<u64>,
 }
 
-/// A swarm at work.
-pub struct Colony<'a, Source: CellSource> {
-    source: &'a Source,
+/// A swarm at work. The source of its ranks is owned, or borrowed by giving a reference.
+pub struct Colony<Source: CellSource> {
+    source: Source,
     params: SwarmParams,
     vicinity: Vec<Step>,
     geometry: GridGeometry,
@@ -74,12 +78,23 @@ pub struct Colony<'a, Source: CellSource> {
     tally: Tally,
 }
 
-impl<'a, Source: CellSource> Colony<'a, Source> {
+impl<Source: CellSource> Colony<Source> {
     /// Deploys the agents at random inside the swathe.
     ///
     /// # Errors
     /// [`SwarmError`] when a parameter is outside its range or the mask does not fit the map.
-    pub fn deploy(source: &'a Source, inside: &Layer<bool>, params: SwarmParams) -> Result<Self, SwarmError> {
+    pub fn deploy(source: Source, inside: &Layer<bool>, params: SwarmParams) -> Result<Self, SwarmError> {
+        Self::deploy_within(source, inside, params, |_| true)
+    }
+
+    /// Deploys the agents on the cells of the swathe that are their own; the others are looked at, and may lie in a nest, but
+    /// are never cores.
+    pub(super) fn deploy_within(
+        source: Source,
+        inside: &Layer<bool>,
+        params: SwarmParams,
+        own: impl Fn(Cell) -> bool,
+    ) -> Result<Self, SwarmError> {
         params.validate()?;
         let geometry = source.geometry();
         let cells = geometry.cell_count();
@@ -94,7 +109,10 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
                 rows: geometry.rows(),
                 columns: geometry.columns(),
             },
-            flags: vec![0; cells],
+            flags: geometry
+                .cells()
+                .map(|cell| if own(cell) { 0 } else { flag::HALO })
+                .collect(),
             pellets: vec![0; cells],
             sets: UnionFind::new(cells),
             agents: vec![0; params.agents as usize],
@@ -107,14 +125,14 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         let first = colony
             .flags
             .iter()
-            .position(|flags| flags & flag::INSIDE > 0)
+            .position(|flags| flags & GROUND == flag::INSIDE)
             .unwrap_or(0);
         colony.agents.fill(first as u32);
         Ok(colony)
     }
 
     /// Enlarges the swathe; nothing that is known is evaluated again. Cells that could not be cores only because the old
-    /// swathe ended beside them may become cores now.
+    /// swathe ended beside them may become cores now; cores that counted on suitable ground beyond it must be found again.
     ///
     /// # Errors
     /// [`SwarmError::Grid`] when the mask does not fit the map.
@@ -126,7 +144,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             if mask[index] {
                 *flags |= flag::INSIDE;
             }
-            if *flags & flag::INSIDE > 0 {
+            if *flags & GROUND == flag::INSIDE {
                 let cell = self.geometry.cell(index);
                 low = (low.0.min(cell.row), low.1.min(cell.column));
                 high = (high.0.max(cell.row), high.1.max(cell.column));
@@ -142,10 +160,18 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         }
         self.epoch_start = self.tally.ticks;
         self.open = 0;
+        let mut lost = Vec::new();
         for index in 0..self.flags.len() {
             let flags = self.flags[index];
-            if flags & flag::INSIDE == 0 || flags & flag::CORE > 0 {
+            if flags & flag::INSIDE == 0 {
                 continue;
+            }
+            if flags & flag::CORE > 0 {
+                if !self.leans_on_the_border(index) {
+                    continue;
+                }
+                self.flags[index] &= !flag::CORE;
+                lost.push(self.geometry.cell(index));
             }
             if self.may_be_core(index) {
                 self.flags[index] &= !flag::DEAD;
@@ -156,6 +182,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
                 self.flags[index] |= flag::DEAD;
             }
         }
+        self.forget_cores(&lost);
         Ok(())
     }
 
@@ -169,16 +196,31 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
     pub fn run(&mut self, ticks: u64, report: &mut Report) -> Ending {
         let last = self.tally.ticks.saturating_add(ticks);
         let total = self.open;
+        let mut ahead = 1;
         while self.open > 0 {
             if self.tally.ticks >= last {
                 return Ending::TicksSpent;
             }
-            if self.tally.ticks.is_multiple_of(TICKS_PER_REPORT) && !report(total - self.open, total) {
+            let since_report = self.tally.ticks % TICKS_PER_REPORT;
+            if since_report == 0 && !report(total - self.open, total) {
                 return Ending::Stopped;
             }
-            self.tick();
+            let ticks = ahead.min(last - self.tally.ticks).min(TICKS_PER_REPORT - since_report);
+            self.spend(ticks);
+            // A swarm that is soon finished foresees little in vain.
+            ahead = (2 * ahead).min(TICKS_PER_REPORT);
         }
         Ending::Finished
+    }
+
+    /// Where the ranks come from.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// Where the ranks come from, to be changed. [`Self::update`] must follow with every cell whose rank is another now.
+    pub fn source_mut(&mut self) -> &mut Source {
+        &mut self.source
     }
 
     /// What the swarm has done so far.
@@ -248,138 +290,11 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         Nests::from_labels(self.geometry, labels.collect())
     }
 
-    /// One synchronous tick: move, evaluate, drop, build.
-    fn tick(&mut self) {
-        let visits = self.visits(self.tally.ticks - self.epoch_start);
-        self.settle(visits);
-    }
-
-    /// Takes in what the agents saw in a tick, in the order of the agents.
-    fn settle(&mut self, visits: Vec<Option<(usize, Option<CellRank>)>>) {
-        self.tally.ticks += 1;
-        let mut full = Vec::new();
-        for (agent, visit) in visits.into_iter().enumerate() {
-            let Some((index, rank)) = visit else { continue };
-            self.tally.visits += 1;
-            self.agents[agent] = index as u32;
-            if let Some(rank) = rank {
-                self.learn(index, rank);
-            }
-            let pellets = &mut self.pellets[index];
-            if self.flags[index] & flag::SUITABLE > 0 && *pellets < self.params.pellet_max {
-                *pellets += 1;
-                if *pellets == self.params.pellet_max {
-                    full.push(index);
-                }
-            }
-        }
-        for index in full {
-            self.build(index);
-        }
-        self.note_connection();
-    }
-
-    /// The cell that each agent visits, with its rank where it was not known yet.
-    fn visits(&self, tick: u64) -> Vec<Option<(usize, Option<CellRank>)>> {
-        let field = Field {
-            geometry: self.geometry,
-            extent: self.extent,
-            params: &self.params,
-            inside: |index: usize| self.flags[index] & flag::INSIDE > 0,
-            pellets: |index: usize| self.pellets[index],
-        };
-        let visit = |(agent, &here): (usize, &u32)| {
-            let index = field.visit(agent as u32, tick, here as usize)?;
-            let known = self.flags[index] & (flag::EVALUATED | flag::INSIDE) != flag::INSIDE;
-            let rank = (!known).then(|| self.source.cell_rank(self.geometry.cell(index)));
-            Some((index, rank))
-        };
-        if self.params.agents < PARALLEL_AGENTS {
-            self.agents.iter().enumerate().map(visit).collect()
-        } else {
-            self.agents.par_iter().enumerate().map(visit).collect()
-        }
-    }
-
-    /// Takes note of a cell's rank; two agents may bring the same news.
-    fn learn(&mut self, index: usize, rank: CellRank) {
-        if self.flags[index] & flag::EVALUATED > 0 {
-            return;
-        }
-        self.tally.cells_evaluated += 1;
-        self.flags[index] |= flag::EVALUATED;
-        if rank.rank() >= self.params.nest.rank_min {
-            self.flags[index] |= flag::SUITABLE;
-        } else {
-            let cell = self.geometry.cell(index);
-            for step in &self.vicinity {
-                if let Some(near) = step.from(&self.geometry, cell) {
-                    let flags = &mut self.flags[self.geometry.index(near)];
-                    if *flags & (flag::INSIDE | flag::DEAD) == flag::INSIDE {
-                        *flags |= flag::DEAD;
-                        self.open -= 1;
-                    }
-                }
-            }
-        }
-    }
-
-    /// The core test of a cell whose pellets are full.
-    fn build(&mut self, index: usize) {
-        let cell = self.geometry.cell(index);
-        for step in 0..self.vicinity.len() {
-            if self.flags[index] & flag::DEAD > 0 {
-                return;
-            }
-            if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
-                let near_index = self.geometry.index(near);
-                let flags = self.flags[near_index];
-                if flags & (flag::EVALUATED | flag::INSIDE) == flag::INSIDE {
-                    self.learn(near_index, self.source.cell_rank(near));
-                }
-            }
-        }
-        if self.flags[index] & (flag::DEAD | flag::CORE) > 0 {
-            return;
-        }
-        self.flags[index] |= flag::CORE;
-        self.open -= 1;
-        self.tally.cores += 1;
-        for step in 0..self.vicinity.len() {
-            if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
-                let near_index = self.geometry.index(near);
-                if self.flags[near_index] & flag::INSIDE > 0 {
-                    self.sets.union(index as u32, near_index as u32);
-                    self.join(near);
-                }
-            }
-        }
-    }
-
-    /// Adds a cell to its nest and merges the nests that it touches.
-    fn join(&mut self, cell: Cell) {
-        let index = self.geometry.index(cell);
-        if self.flags[index] & flag::NEST > 0 {
-            return;
-        }
-        self.flags[index] |= flag::NEST;
-        let touching: &[Step] = match self.params.nest.contact {
-            Contact::Overlap => &[],
-            Contact::Edge => &FOUR,
-            Contact::Corner => &crate::grid::EIGHT,
-        };
-        for step in touching {
-            if let Some(near) = step.from(&self.geometry, cell) {
-                let near = self.geometry.index(near);
-                if self.flags[near] & flag::NEST > 0 {
-                    self.sets.union(index as u32, near as u32);
-                }
-            }
-        }
-    }
-
     /// Whether nothing that is known keeps a cell from being a core.
     fn may_be_core(&self, index: usize) -> bool {
+        if self.flags[index] & flag::HALO > 0 {
+            return false;
+        }
         let cell = self.geometry.cell(index);
         self.vicinity.iter().all(|step| {
             let near = step
@@ -394,12 +309,23 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         })
     }
 
+    /// Whether ground that was beyond the swathe and counted as suitable is inside now, and nobody has looked at it.
+    fn leans_on_the_border(&self, core: usize) -> bool {
+        let cell = self.geometry.cell(core);
+        let near = self.vicinity.iter().filter_map(|step| step.from(&self.geometry, cell));
+        let mut flags = near.map(|near| self.flags[self.geometry.index(near)]);
+        self.params.nest.border_suitable && flags.any(|flags| flags & (flag::INSIDE | flag::EVALUATED) == flag::INSIDE)
+    }
+
+    /// Whether the watched cells lie in one nest.
+    fn is_connected(&mut self) -> bool {
+        self.watched.is_some_and(|(a, b)| {
+            self.flags[a] & self.flags[b] & flag::NEST > 0 && self.sets.find(a as u32) == self.sets.find(b as u32)
+        })
+    }
+
     fn note_connection(&mut self) {
-        if self.tally.connected_at.is_none()
-            && let Some((a, b)) = self.watched
-            && self.flags[a] & self.flags[b] & flag::NEST > 0
-            && self.sets.find(a as u32) == self.sets.find(b as u32)
-        {
+        if self.tally.connected_at.is_none() && self.is_connected() {
             self.tally.connected_at = Some(self.tally.ticks);
         }
     }
@@ -408,7 +334,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nest::{NestParams, Vicinity, exact_nests};
+    use crate::nest::{Contact, NestParams, Vicinity, exact_nests};
     use crate::progress::silent;
     use crate::random::philox;
     use crate::rank::RankMap;
@@ -495,22 +421,6 @@ mod tests {
             colony.run(1_000_000, &mut silent());
             prop_assert_eq!(colony.nests().unwrap(), exact_nests(&map, None, &params.nest).unwrap());
             prop_assert!(colony.tally().cells_evaluated <= 12 * 18);
-        }
-
-        #[test]
-        fn many_threads_and_one_give_the_same_colony(seed: u64) {
-            let map = world(40, 50, seed, 8);
-            let params = SwarmParams { agents: PARALLEL_AGENTS, seed, pellet_max: 3, ..SwarmParams::default() };
-            let run = |threads| {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| {
-                    let mut colony = Colony::deploy(&map, &everywhere(&map), params).unwrap();
-                    colony.run(5, &mut silent());
-                    (colony.nests().unwrap(), colony.tally(), colony.agents.clone(), colony.pellets.clone())
-                })
-            };
-            let (one, many) = (run(1), run(3));
-            prop_assert_eq!(one, many);
         }
     }
 

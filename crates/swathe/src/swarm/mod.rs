@@ -7,13 +7,15 @@
 
 mod agents;
 mod colony;
+mod tiles;
 
 use thiserror::Error;
 
 use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
-pub use colony::{Colony, Ending, Tally};
+pub use colony::{Changes, Colony, Ending, Tally};
+pub use tiles::{TileJob, TileResult, Window, merge_tiles, tile_jobs};
 
 /// Most agents of a swarm.
 pub const MOST_AGENTS: u32 = 1_000_000;

@@ -3,20 +3,16 @@
 use crate::grid::Cell;
 use crate::rank::CellSource;
 
-use super::{Colony, flag};
+use super::{Colony, GROUND, flag};
 
-impl<Source: CellSource> Colony<'_, Source> {
-    /// Ticks in which the agents visit these cells, as many a tick as there are agents.
+impl<Source: CellSource> Colony<Source> {
+    /// Ticks in which the agents visit these cells, as many a tick as there are agents. Cells outside the swathe are left out.
     pub fn send(&mut self, cells: &[Cell]) {
+        let ground = |cell: &Cell| self.flags[self.geometry.index(*cell)] & GROUND == flag::INSIDE;
+        let cells = cells.iter().filter(|cell| ground(cell));
+        let cells: Vec<u32> = cells.map(|&cell| self.geometry.index(cell) as u32).collect();
         for sent in cells.chunks(self.agents.len().max(1)) {
-            let visits = sent.iter().map(|&cell| {
-                let index = self.geometry.index(cell);
-                let known = self.flags[index] & (flag::EVALUATED | flag::INSIDE) != flag::INSIDE;
-                let rank = (!known).then(|| self.source.cell_rank(cell));
-                (self.flags[index] & flag::INSIDE > 0).then_some((index, rank))
-            });
-            let visits = visits.collect();
-            self.settle(visits);
+            self.tick(sent.iter().copied());
         }
     }
 
