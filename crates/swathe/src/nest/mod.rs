@@ -6,6 +6,7 @@
 mod bit_rows;
 mod exact;
 mod graph;
+mod opening;
 mod outline;
 mod union_find;
 
@@ -14,7 +15,7 @@ use thiserror::Error;
 use crate::grid::{Cell, GridError, GridGeometry, Layer, Step, disc};
 
 pub use bit_rows::BitRows;
-pub use exact::{exact_nests, nests_of_cells, suitable_cells};
+pub use exact::{exact_nests, label_nests, nests_of_cells, suitable_cells};
 pub use graph::{Gap, nest_graph};
 pub use outline::{Outline, Ring, outlines};
 pub use union_find::UnionFind;
@@ -137,11 +138,17 @@ impl Nests {
         let mut numbers = std::collections::HashMap::new();
         let mut sizes = Vec::new();
         let mut labels = labels;
+        let mut last = (0, 0);
         for label in labels.iter_mut().filter(|label| **label > 0) {
-            let number = *numbers.entry(*label).or_insert_with(|| {
-                sizes.push(0);
-                sizes.len() as u32
-            });
+            // Neighbours mostly share their label.
+            if last.0 != *label {
+                let number = *numbers.entry(*label).or_insert_with(|| {
+                    sizes.push(0);
+                    sizes.len() as u32
+                });
+                last = (*label, number);
+            }
+            let number = last.1;
             sizes[number as usize - 1] += 1;
             *label = number;
         }

@@ -10,7 +10,7 @@ mod ranker;
 
 use thiserror::Error;
 
-use crate::grid::{Cell, GridError, GridGeometry, Layer};
+use crate::grid::{Cell, GridError, GridGeometry, Layer, LayerView};
 use crate::soil::{SoilClass, SoilError, SoilTable};
 use crate::vehicle::VehicleError;
 
@@ -125,10 +125,7 @@ impl RankMap {
     /// # Errors
     /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
     pub fn from_ranks(geometry: GridGeometry, ranks: &[u8]) -> Result<Self, RankError> {
-        let greatest = ranks.iter().copied().max().unwrap_or(0);
-        if greatest > 10 {
-            return Err(RankError::Rank { rank: greatest });
-        }
+        check_ranks(ranks)?;
         let cells = ranks.iter().map(|&rank| match rank {
             0 => CellRank::UNKNOWN,
             rank => CellRank(rank),
@@ -151,6 +148,39 @@ impl RankMap {
     /// The cells, to be changed.
     pub fn cells_mut(&mut self) -> &mut Layer<CellRank> {
         &mut self.cells
+    }
+}
+
+fn check_ranks(ranks: &[u8]) -> Result<(), RankError> {
+    let greatest = ranks.iter().copied().fold(0, u8::max);
+    if greatest > 10 {
+        return Err(RankError::Rank { rank: greatest });
+    }
+    Ok(())
+}
+
+/// Plain ranks of a whole grid, borrowed: 0 unknown, 1 no-go, 2 to 10.
+#[derive(Clone, Copy, Debug)]
+pub struct RankView<'a>(LayerView<'a, u8>);
+
+impl<'a> RankView<'a> {
+    /// A view of ranks, row by row from the north-west.
+    ///
+    /// # Errors
+    /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
+    pub fn new(geometry: GridGeometry, ranks: &'a [u8]) -> Result<Self, RankError> {
+        check_ranks(ranks)?;
+        Ok(Self(LayerView::new(geometry, ranks, "the rank map")?))
+    }
+
+    /// The geometry of the cells.
+    pub fn geometry(&self) -> GridGeometry {
+        self.0.geometry()
+    }
+
+    /// The ranks, all of them 0 to 10.
+    pub fn ranks(&self) -> &'a [u8] {
+        self.0.data()
     }
 }
 
