@@ -6,6 +6,7 @@
 mod ahp;
 mod criteria;
 mod paper;
+mod plain;
 mod ranker;
 
 use thiserror::Error;
@@ -106,6 +107,11 @@ impl CellRank {
     pub const fn reason(self) -> Reason {
         Reason::ALL[(self.0 >> 4) as usize]
     }
+
+    /// The rank in the low four bits, the code of the reason in the high four.
+    pub const fn byte(self) -> u8 {
+        self.0
+    }
 }
 
 /// Ranks of a whole grid.
@@ -137,12 +143,6 @@ impl RankMap {
     /// The cells.
     pub fn cells(&self) -> &Layer<CellRank> {
         &self.cells
-    }
-
-    /// The cells' bytes: the rank in the low four bits, the code of the reason in the high four.
-    pub fn into_bytes(self) -> Vec<u8> {
-        // Collecting in place keeps the allocation.
-        self.cells.into_data().into_iter().map(|cell| cell.0).collect()
     }
 
     /// The cells, to be changed.
@@ -191,6 +191,13 @@ pub trait CellSource: Sync {
 
     /// Rank and reason of a cell. The same cell always gives the same answer.
     fn cell_rank(&self, cell: Cell) -> CellRank;
+
+    /// Ranks of the cells that follow each other in a row, from `column` on: for each what [`Self::cell_rank`] gives.
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        for (place, rank) in ranks.iter_mut().enumerate() {
+            *rank = self.cell_rank(Cell::new(row, column + place));
+        }
+    }
 }
 
 impl CellSource for RankMap {
@@ -200,6 +207,11 @@ impl CellSource for RankMap {
 
     fn cell_rank(&self, cell: Cell) -> CellRank {
         self.cells[cell]
+    }
+
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        let first = self.geometry().index(Cell::new(row, column));
+        ranks.copy_from_slice(&self.cells.data()[first..first + ranks.len()]);
     }
 }
 
