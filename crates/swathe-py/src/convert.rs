@@ -1,6 +1,6 @@
 //! Words and dictionaries to the core's parameters.
 
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swathe::corridor::ArcKind;
@@ -25,6 +25,13 @@ pub(crate) fn geometry(shape: Shape) -> PyResult<GridGeometry> {
 pub(crate) fn values<'a, T: numpy::Element>(array: &'a PyReadonlyArray2<T>) -> PyResult<&'a [T]> {
     array
         .as_slice()
+        .map_err(|_| invalid("An array is not contiguous.".to_owned(), "Use numpy.ascontiguousarray."))
+}
+
+/// The values of a new array, to be written.
+pub(crate) fn values_mut<'a, T: numpy::Element>(array: &'a mut PyReadwriteArray2<T>) -> PyResult<&'a mut [T]> {
+    array
+        .as_slice_mut()
         .map_err(|_| invalid("An array is not contiguous.".to_owned(), "Use numpy.ascontiguousarray."))
 }
 

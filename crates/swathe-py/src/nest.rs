@@ -1,13 +1,13 @@
 //! Nests.
 
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swathe::grid::Position;
 use swathe::nest::Nests;
-use swathe::rank::RankMap;
+use swathe::rank::RankView;
 
-use crate::convert::{Shape, array, geometry, nest_params, values};
+use crate::convert::{Shape, array, geometry, nest_params, values, values_mut};
 use crate::error::CoreError;
 
 /// (labels, cells of each nest) of a rank map, in one linear pass.
@@ -21,11 +21,15 @@ pub(crate) fn exact_nests<'py>(
     let (rows, columns) = rank.as_array().dim();
     let (grid, params) = (geometry((rows, columns, 1.0, 0.0, 0.0))?, nest_params(params)?);
     let data = values(&rank)?;
-    let nests = py.detach(|| -> Result<Nests, CoreError> {
-        let map = RankMap::from_ranks(grid, data)?;
-        Ok(swathe::nest::exact_nests(&map, None, &params)?)
+    // Numpy's own allocation comes in large pages where the system has them.
+    let labels = PyArray2::zeros(py, [rows, columns], false);
+    let mut written = labels.readwrite();
+    let target = values_mut(&mut written)?;
+    let sizes = py.detach(|| -> Result<Vec<u32>, CoreError> {
+        let ranks = RankView::new(grid, data)?;
+        Ok(swathe::nest::label_nests(ranks, &params, target)?)
     })?;
-    give(py, nests)
+    Ok((labels, sizes))
 }
 
 /// Labels and sizes for Python.

@@ -1,19 +1,24 @@
 //! Ranks.
 
-use numpy::PyArray2;
+use numpy::{PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use swathe::grid::Cell;
 use swathe::rank::{CellSource, Reason};
 
-use crate::convert::{array, bands, rounding};
+use crate::convert::{bands, rounding, values_mut};
 use crate::error::CoreError;
 use crate::region::Region;
 
 /// Rank (low four bits) and reason code (high four bits) of every cell.
 #[pyfunction]
 pub(crate) fn rank_map<'py>(py: Python<'py>, region: &Region) -> PyResult<Bound<'py, PyArray2<u8>>> {
-    let bytes = region.with(py, false, |_, ranker, _, _| Ok(ranker.rank_all().into_bytes()))?;
-    array(py, region.geometry(), bytes)
+    let geometry = region.geometry();
+    // Numpy's own allocation comes in large pages where the system has them.
+    let ranks = PyArray2::zeros(py, [geometry.rows(), geometry.columns()], false);
+    let mut written = ranks.readwrite();
+    let bytes = values_mut(&mut written)?;
+    region.with(py, false, |_, ranker, _, _| Ok(ranker.rank_bytes(bytes)?))?;
+    Ok(ranks)
 }
 
 /// (rank, reason code) of one cell, evaluated alone.

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use crate::grid::{Cell, GridGeometry, Step};
 
 /// A mask of cells, one bit each.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct BitRows {
-    rows: usize,
+    geometry: GridGeometry,
     columns: usize,
     words: usize,
     data: Vec<u64>,
@@ -32,31 +32,14 @@ impl BitRows {
         mask
     }
 
-    /// The cells whose byte, after `byte`, is at least `least` (both below 128), eight cells at a time.
+    /// The cells whose byte, after `byte`, is at least `least` (both below 128, `least` above 0).
     pub fn at_least<T: Sync>(geometry: GridGeometry, cells: &[T], least: u8, byte: impl Fn(&T) -> u8 + Sync) -> Self {
-        const HIGH: u64 = 0x8080_8080_8080_8080;
-        // Adding this to a byte below 128 sets its high bit exactly when the byte is at least `least`.
-        let lift = u64::from_ne_bytes([0x80 - least; 8]);
         let mut mask = Self::empty(geometry);
         let columns = mask.columns;
         mask.data
             .par_chunks_mut(mask.words)
-            .enumerate()
-            .for_each(|(row, words)| {
-                let cells = &cells[row * columns..(row + 1) * columns];
-                for (word, cells) in words.iter_mut().zip(cells.chunks(64)) {
-                    for (place, eight) in cells.chunks(8).enumerate() {
-                        let mut bytes = [0; 8];
-                        for (to, from) in bytes.iter_mut().zip(eight) {
-                            *to = byte(from);
-                        }
-                        let lifted = (u64::from_le_bytes(bytes) + lift) & HIGH;
-                        // The product gathers the eight high bits in its top byte, in order.
-                        let bits = (lifted >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-                        *word |= bits << (8 * place);
-                    }
-                }
-            });
+            .zip(cells.par_chunks(columns))
+            .for_each(|(words, cells)| pack_at_least(cells, least, &byte, words));
         mask
     }
 
@@ -64,7 +47,7 @@ impl BitRows {
     pub fn empty(geometry: GridGeometry) -> Self {
         let words = geometry.columns().div_ceil(64);
         Self {
-            rows: geometry.rows(),
+            geometry,
             columns: geometry.columns(),
             words,
             data: vec![0; words * geometry.rows()],
@@ -78,7 +61,12 @@ impl BitRows {
 
     /// Number of rows.
     pub fn rows(&self) -> usize {
-        self.rows
+        self.geometry.rows()
+    }
+
+    /// The geometry of the cells.
+    pub fn geometry(&self) -> GridGeometry {
+        self.geometry
     }
 
     /// The words of a row; bits beyond the last column are zero.
@@ -96,6 +84,29 @@ impl BitRows {
         self.data.iter().map(|word| u64::from(word.count_ones())).sum()
     }
 
+    /// Keeps only the cells that are in `other` too, a mask of the same geometry.
+    pub fn keep(&mut self, other: &Self) {
+        for (word, other) in self.data.iter_mut().zip(&other.data) {
+            *word &= other;
+        }
+    }
+
+    /// Adds the cells that are not in `other`, a mask of the same geometry.
+    pub fn add_missing(&mut self, other: &Self) {
+        let tail = self.tail();
+        for (row, other) in self.data.chunks_mut(self.words).zip(other.data.chunks(self.words)) {
+            for (word, other) in row.iter_mut().zip(other) {
+                *word |= !other;
+            }
+            row[self.words - 1] &= tail;
+        }
+    }
+
+    /// The bits of a row's last word that are cells.
+    fn tail(&self) -> u64 {
+        u64::MAX >> (self.words * 64 - self.columns)
+    }
+
     /// The cells all of whose `steps` lead to a cell of the mask; `border` stands for cells beyond the grid.
     #[must_use]
     pub fn eroded(&self, steps: &[Step], border: bool) -> Self {
@@ -110,8 +121,7 @@ impl BitRows {
 
     fn combined(&self, steps: &[Step], border: bool, start: u64, join: impl Fn(u64, u64) -> u64 + Sync) -> Self {
         let beyond = if border { u64::MAX } else { 0 };
-        let last = self.columns % 64;
-        let tail = if last == 0 { u64::MAX } else { (1 << last) - 1 };
+        let tail = self.tail();
         let mut out = Self {
             data: vec![start; self.data.len()],
             ..*self
@@ -122,7 +132,7 @@ impl BitRows {
             .for_each(|(row, words)| {
                 for step in steps {
                     let source = row as i64 + i64::from(step.rows);
-                    if !(0..self.rows as i64).contains(&source) {
+                    if !(0..self.rows() as i64).contains(&source) {
                         for word in words.iter_mut() {
                             *word = join(*word, beyond);
                         }
@@ -159,26 +169,72 @@ impl BitRows {
     }
 
     /// Calls `visit` with the half-open column range of each run of set bits in a row, from the west.
-    pub fn runs(&self, row: usize, mut visit: impl FnMut(usize, usize)) {
-        let words = self.row(row);
-        let mut column = 0;
-        while let Some(first) = next(words, column, 0) {
-            let end = next(words, first, u64::MAX).unwrap_or(self.columns);
-            visit(first, end.min(self.columns));
-            column = end;
+    pub fn runs(&self, row: usize, visit: impl FnMut(usize, usize)) {
+        runs_of(self.row(row), self.columns, visit);
+    }
+
+    /// The words of all rows, to be changed; bits beyond the last column must stay zero.
+    pub(super) fn words_mut(&mut self) -> &mut [u64] {
+        &mut self.data
+    }
+
+    /// Words of a row.
+    pub fn words_per_row(&self) -> usize {
+        self.words
+    }
+}
+
+/// Writes one bit for each cell whose byte is at least `least`, eight cells at a time.
+pub(super) fn pack_at_least<T>(cells: &[T], least: u8, byte: impl Fn(&T) -> u8, words: &mut [u64]) {
+    const HIGH: u64 = 0x8080_8080_8080_8080;
+    // Adding this to a byte below 128 sets its high bit exactly when the byte is at least `least`.
+    let lift = u64::from_ne_bytes([0x80 - least; 8]);
+    let pack = |cells: &[T]| {
+        let mut bytes = [0; 8];
+        for (to, from) in bytes.iter_mut().zip(cells) {
+            *to = byte(from);
+        }
+        let lifted = (u64::from_le_bytes(bytes) + lift) & HIGH;
+        // The product gathers the eight high bits in its top byte, in order.
+        (lifted >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56
+    };
+    for (word, cells) in words.iter_mut().zip(cells.chunks(64)) {
+        *word = 0;
+        if let Ok(whole) = <&[T; 64]>::try_from(cells) {
+            for place in 0..8 {
+                *word |= pack(&whole[8 * place..8 * place + 8]) << (8 * place);
+            }
+        } else {
+            for (place, eight) in cells.chunks(8).enumerate() {
+                *word |= pack(eight) << (8 * place);
+            }
         }
     }
 }
 
-/// The first column from `from` on whose bit, after `flip`, is set.
-fn next(words: &[u64], from: usize, flip: u64) -> Option<usize> {
-    let mut index = from / 64;
-    let mut word = (*words.get(index)? ^ flip) & (u64::MAX << (from % 64));
-    while word == 0 {
-        index += 1;
-        word = *words.get(index)? ^ flip;
+/// Calls `visit` with the half-open column range of each run of set bits in a row of words.
+#[inline]
+pub(super) fn runs_of(words: &[u64], columns: usize, mut visit: impl FnMut(usize, usize)) {
+    let (mut before, mut from) = (0, None);
+    for (index, &word) in words.iter().enumerate() {
+        // A bit wherever a cell differs from the one to its west.
+        let mut edges = word ^ (word << 1 | before);
+        before = word >> 63;
+        while edges != 0 {
+            let column = index * 64 + edges.trailing_zeros() as usize;
+            edges &= edges - 1;
+            from = match from {
+                None => Some(column),
+                Some(from) => {
+                    visit(from, column);
+                    None
+                }
+            };
+        }
     }
-    Some(index * 64 + word.trailing_zeros() as usize)
+    if let Some(from) = from {
+        visit(from, columns);
+    }
 }
 
 #[cfg(test)]

@@ -1,22 +1,24 @@
 //! Exact nests in one linear pass: threshold, opening by the vicinity, components.
 
-use crate::grid::{Cell, Layer};
-use crate::rank::RankMap;
+use rayon::prelude::*;
 
-use super::{BitRows, Contact, NestError, NestParams, Nests, UnionFind};
+use crate::grid::{GridError, GridGeometry, Layer, Step};
+use crate::rank::{RankMap, RankView};
+
+use super::bit_rows::pack_at_least;
+use super::opening::{BAND_ROWS, opened};
+use super::{BitRows, Contact, NestError, NestParams, Nests, UnionFind, Vicinity};
 
 /// The cells whose rank is high enough, optionally only those inside a mask.
 pub fn suitable_cells(rank: &RankMap, rank_min: u8, inside: Option<&Layer<bool>>) -> BitRows {
     let geometry = rank.cells().geometry();
-    let columns = geometry.columns();
-    let cells = rank.cells().data();
-    match inside.map(Layer::data) {
-        None => BitRows::from_fn(geometry, |row, column| cells[row * columns + column].rank() >= rank_min),
-        Some(inside) => BitRows::from_fn(geometry, |row, column| {
-            let index = row * columns + column;
-            inside[index] && cells[index].rank() >= rank_min
-        }),
+    let mut suitable = BitRows::at_least(geometry, rank.cells().data(), rank_min, |cell| cell.rank());
+    if let Some(inside) = inside {
+        suitable.keep(&BitRows::at_least(geometry, inside.data(), 1, |&inside| {
+            u8::from(inside)
+        }));
     }
+    suitable
 }
 
 /// Nests of a rank map, optionally only inside a mask: what the swarm ends with.
@@ -24,121 +26,164 @@ pub fn suitable_cells(rank: &RankMap, rank_min: u8, inside: Option<&Layer<bool>>
 /// # Errors
 /// [`NestError`] when a parameter is outside its range or the mask does not fit.
 pub fn exact_nests(rank: &RankMap, inside: Option<&Layer<bool>>, params: &NestParams) -> Result<Nests, NestError> {
-    let steps = params.validate()?;
     let geometry = rank.cells().geometry();
     if let Some(inside) = inside {
         // The mask must be of the same cells.
         Layer::new(geometry, vec![(); inside.data().len()], "the swathe")?;
     }
+    let steps = params.validate()?;
     let suitable = suitable_cells(rank, params.rank_min, inside);
-    let mut cores;
-    let mut opened;
+    let inside = inside.map(|inside| BitRows::at_least(geometry, inside.data(), 1, |&inside| u8::from(inside)));
+    let mut labels = Layer::filled(geometry, 0);
+    let sizes = label_suitable(&suitable, inside.as_ref(), &steps, params, labels.data_mut());
+    Ok(Nests::new(labels, sizes))
+}
+
+/// Labels the nests of plain ranks in an array of the caller's, which holds zeros, and returns the cells of each nest.
+///
+/// Cells outside nests are not written. The memory needed beside is an eighth of a byte for each cell and eight bytes for
+/// each stretch of nest cells in a row.
+///
+/// # Errors
+/// [`NestError`] when a parameter is outside its range or there is not one label per cell.
+pub fn label_nests(ranks: RankView, params: &NestParams, labels: &mut [u32]) -> Result<Vec<u32>, NestError> {
+    let steps = params.validate()?;
+    let geometry = ranks.geometry();
+    let (expected, found) = (geometry.cell_count(), labels.len());
+    if found != expected {
+        let what = "the labels";
+        return Err(GridError::ShapeMismatch { what, expected, found }.into());
+    }
+    let (columns, least) = (geometry.columns(), params.rank_min);
+    let cells = ranks.ranks();
+    if params.vicinity == Vicinity::Moore1 && !params.border_suitable && params.contact != Contact::Overlap {
+        let nests = opened(geometry, BAND_ROWS, |row, words| {
+            let row = &cells[row * columns..(row + 1) * columns];
+            pack_at_least(row, least, |&rank| rank, words);
+        });
+        return Ok(label_runs(&nests, params.contact, labels));
+    }
+    let suitable = BitRows::at_least(geometry, cells, least, |&rank| rank);
+    Ok(label_suitable(&suitable, None, &steps, params, labels))
+}
+
+/// Labels the nests of suitable cells, all of them inside the mask.
+fn label_suitable(
+    suitable: &BitRows,
+    inside: Option<&BitRows>,
+    steps: &[Step],
+    params: &NestParams,
+    labels: &mut [u32],
+) -> Vec<u32> {
+    let (cores, nests);
     if params.border_suitable {
         // Cells beyond the mask count as suitable for their neighbours, but are no ground themselves.
-        let beyond = |row, column| inside.is_some_and(|inside| !inside[Cell::new(row, column)]);
-        let kind = BitRows::from_fn(geometry, |row, column| {
-            beyond(row, column) || suitable.get(Cell::new(row, column))
-        });
-        cores = kind.eroded(&steps, true);
-        cores = BitRows::from_fn(geometry, |row, column| {
-            cores.get(Cell::new(row, column)) && suitable.get(Cell::new(row, column))
-        });
-        opened = cores.dilated(&steps);
-        opened = BitRows::from_fn(geometry, |row, column| {
-            opened.get(Cell::new(row, column)) && suitable.get(Cell::new(row, column))
-        });
+        let mut kind = suitable.clone();
+        if let Some(inside) = inside {
+            kind.add_missing(inside);
+        }
+        let mut kept = kind.eroded(steps, true);
+        kept.keep(suitable);
+        cores = kept;
+        let mut grown = cores.dilated(steps);
+        grown.keep(suitable);
+        nests = grown;
     } else {
-        cores = suitable.eroded(&steps, false);
-        opened = cores.dilated(&steps);
+        cores = suitable.eroded(steps, false);
+        nests = cores.dilated(steps);
     }
-    if params.contact != Contact::Overlap {
-        return nests_of_cells(geometry, &opened, params.contact);
+    if params.contact == Contact::Overlap {
+        label_overlapping(&cores, &nests, steps, labels)
+    } else {
+        label_runs(&nests, params.contact, labels)
     }
+}
+
+/// Nests that share no cell are apart even side by side, so cells are joined one by one.
+fn label_overlapping(cores: &BitRows, nests: &BitRows, steps: &[Step], labels: &mut [u32]) -> Vec<u32> {
+    let geometry = nests.geometry();
     let mut sets = UnionFind::new(geometry.cell_count());
     for cell in geometry.cells().filter(|&cell| cores.get(cell)) {
         for near in steps.iter().filter_map(|step| step.from(&geometry, cell)) {
-            if opened.get(near) {
+            if nests.get(near) {
                 sets.union(geometry.index(cell) as u32, geometry.index(near) as u32);
             }
         }
     }
-    let labels = geometry.cells().map(|cell| {
-        if opened.get(cell) {
-            sets.find(geometry.index(cell) as u32) + 1
-        } else {
-            0
-        }
-    });
-    let labels = labels.collect();
-    Nests::from_labels(geometry, labels)
+    sets.label(|index| nests.get(geometry.cell(index)), labels)
 }
 
 /// Components of a mask, cells joined by edges or also by corners, labelled run by run.
 ///
 /// # Errors
 /// [`NestError::Grid`] when the mask does not fit the geometry.
-pub fn nests_of_cells(
-    geometry: crate::grid::GridGeometry,
-    cells: &BitRows,
-    contact: Contact,
-) -> Result<Nests, NestError> {
-    struct Run {
-        from: u32,
-        to: u32,
+pub fn nests_of_cells(geometry: GridGeometry, cells: &BitRows, contact: Contact) -> Result<Nests, NestError> {
+    let mut labels = Layer::filled(geometry, 0);
+    let (expected, found) = (geometry.cell_count(), cells.rows() * cells.columns());
+    if found != expected {
+        let what = "the mask";
+        return Err(GridError::ShapeMismatch { what, expected, found }.into());
     }
-    let reach = u32::from(contact == Contact::Corner);
+    let sizes = label_runs(cells, contact, labels.data_mut());
+    Ok(Nests::new(labels, sizes))
+}
+
+/// Writes the labels of a mask's components over zeros, and returns their sizes.
+fn label_runs(mask: &BitRows, contact: Contact, labels: &mut [u32]) -> Vec<u32> {
+    let reach = usize::from(contact == Contact::Corner);
     let mut sets = UnionFind::new(0);
-    let mut runs: Vec<Run> = Vec::new();
-    let mut row_starts = vec![0];
-    for row in 0..cells.rows() {
-        let above = row.checked_sub(1).map_or(0..0, |_| row_starts[row - 1]..runs.len());
-        let mut candidate = above.start;
-        let mut found = Vec::new();
-        cells.runs(row, |from, to| {
-            found.push(Run {
-                from: from as u32,
-                to: to as u32,
-            });
-        });
-        for run in found {
+    let mut run_cells: Vec<u32> = Vec::new();
+    let mut row_starts = Vec::with_capacity(mask.rows() + 1);
+    row_starts.push(0);
+    let (mut above, mut here) = (Vec::new(), Vec::new());
+    for row in 0..mask.rows() {
+        std::mem::swap(&mut above, &mut here);
+        here.clear();
+        let mut candidate = 0;
+        let first_above: usize = row.checked_sub(1).map_or(0, |north| row_starts[north]);
+        mask.runs(row, |from, to| {
             let number = sets.push();
-            while candidate < above.end && runs[candidate].to + reach <= run.from {
+            run_cells.push((to - from) as u32);
+            here.push((from, to));
+            while above
+                .get(candidate)
+                .is_some_and(|run: &(usize, usize)| run.1 + reach <= from)
+            {
                 candidate += 1;
             }
             let mut touching = candidate;
-            while touching < above.end && runs[touching].from < run.to + reach {
-                sets.union(number, touching as u32);
+            while above.get(touching).is_some_and(|run| run.0 < to + reach) {
+                sets.union(number, (first_above + touching) as u32);
                 touching += 1;
             }
-            runs.push(run);
-        }
-        row_starts.push(runs.len());
+        });
+        row_starts.push(sets.len());
     }
-    let mut numbers = vec![0; runs.len()];
-    let mut sizes = Vec::new();
-    let mut labels = Layer::filled(geometry, 0);
-    let columns = geometry.columns();
-    for row in 0..cells.rows() {
-        for index in row_starts[row]..row_starts[row + 1] {
-            // The root is the first run of its component, so numbers follow raster order.
-            let root = sets.find(index as u32) as usize;
-            if root == index {
-                sizes.push(0);
-                numbers[index] = sizes.len() as u32;
+    let (numbers, sizes) = sets.into_numbers(&run_cells);
+    let columns = mask.columns();
+    let fill = |(row, labels): (usize, &mut [u32])| {
+        let mut numbers = numbers[row_starts[row]..row_starts[row + 1]].iter();
+        mask.runs(row, |from, to| {
+            if let Some(&number) = numbers.next() {
+                labels[from..to].fill(number);
             }
-            let label = numbers[root];
-            let Run { from, to } = runs[index];
-            sizes[label as usize - 1] += to - from;
-            labels.data_mut()[row * columns + from as usize..row * columns + to as usize].fill(label);
-        }
-    }
-    Ok(Nests::new(labels, sizes))
+        });
+    };
+    labels
+        .par_chunks_mut(columns)
+        .with_min_len(FILL_ROWS)
+        .enumerate()
+        .for_each(fill);
+    sizes
 }
+
+/// Rows that one thread labels at a time.
+const FILL_ROWS: usize = 256;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::GridGeometry;
+    use crate::grid::Cell;
     use crate::nest::Vicinity;
     use proptest::prelude::*;
 
@@ -244,6 +289,9 @@ mod tests {
             let contact = if corner { Contact::Corner } else { Contact::Edge };
             let params = NestParams { contact, ..NestParams::default() };
             let nests = exact_nests(&map, None, &params).unwrap();
+            let mut labels = vec![0; rows * columns];
+            let sizes = label_nests(RankView::new(geometry, &ranks).unwrap(), &params, &mut labels).unwrap();
+            prop_assert_eq!((&labels[..], &sizes[..]), (nests.labels().data(), nests.sizes()));
             let mut sets = UnionFind::new(rows * columns);
             let steps: &[crate::grid::Step] = if corner { &crate::grid::EIGHT } else { &crate::grid::FOUR };
             for cell in geometry.cells() {

@@ -7,6 +7,7 @@ mod bit_rows;
 mod exact;
 mod graph;
 mod grids;
+mod opening;
 mod outline;
 mod union_find;
 
@@ -15,7 +16,7 @@ use thiserror::Error;
 use crate::grid::{Cell, GridError, GridGeometry, Layer, Step, disc};
 
 pub use bit_rows::BitRows;
-pub use exact::{exact_nests, nests_of_cells, suitable_cells};
+pub use exact::{exact_nests, label_nests, nests_of_cells, suitable_cells};
 pub use graph::{Gap, nest_graph};
 pub use grids::{
     DISAGREEMENT_COST_FACTOR, DISAGREEMENT_SPEED_FACTOR, Footprint, GRIDS_MAX, GapShape, GridMode, GridsParams,
@@ -155,11 +156,17 @@ impl Nests {
         let mut numbers = std::collections::HashMap::new();
         let mut sizes = Vec::new();
         let mut labels = labels;
+        let mut last = (0, 0);
         for label in labels.iter_mut().filter(|label| **label > 0) {
-            let number = *numbers.entry(*label).or_insert_with(|| {
-                sizes.push(0);
-                sizes.len() as u32
-            });
+            // Neighbours mostly share their label.
+            if last.0 != *label {
+                let number = *numbers.entry(*label).or_insert_with(|| {
+                    sizes.push(0);
+                    sizes.len() as u32
+                });
+                last = (*label, number);
+            }
+            let number = last.1;
             sizes[number as usize - 1] += 1;
             *label = number;
         }

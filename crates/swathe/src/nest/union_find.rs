@@ -39,26 +39,70 @@ impl UnionFind {
         here
     }
 
-    /// The same without shortening the way for the next search.
-    pub fn peek(&self, item: u32) -> u32 {
-        let mut here = item;
-        while self.parent[here as usize] != here {
-            here = self.parent[here as usize];
-        }
-        here
+    /// Number of items.
+    pub fn len(&self) -> usize {
+        self.parent.len()
     }
 
-    /// The least member of each item's set plus one, or 0 where `counts` is false, in the memory of the sets.
-    pub fn into_roots(mut self, counts: impl Fn(usize) -> bool) -> Vec<u32> {
-        // Parents come before their members, so one pass in order suffices.
-        for item in 0..self.parent.len() {
-            let above = self.parent[item] as usize;
-            self.parent[item] = self.parent[above];
+    /// Whether there are no items.
+    pub fn is_empty(&self) -> bool {
+        self.parent.is_empty()
+    }
+
+    /// The sets numbered from 1 in the order of their least members: each item's number, and the sum of the `weights` of
+    /// each set's items.
+    pub fn into_numbers(self, weights: &[u32]) -> (Vec<u32>, Vec<u32>) {
+        let (mut numbers, mut sums) = (self.parent, Vec::new());
+        for (item, weight) in weights.iter().enumerate() {
+            // A parent comes before its members and holds its number already.
+            let parent = numbers[item] as usize;
+            if parent == item {
+                sums.push(0);
+                numbers[item] = sums.len() as u32;
+            } else {
+                numbers[item] = numbers[parent];
+            }
+            sums[numbers[item] as usize - 1] += weight;
         }
-        for (item, root) in self.parent.iter_mut().enumerate() {
-            *root = if counts(item) { *root + 1 } else { 0 };
+        (numbers, sums)
+    }
+
+    /// Writes the numbers of the sets, counted from 1 in the order of their least members, over zeros where `counts`
+    /// holds (for all of a set or for none of it), and returns the sizes of the sets.
+    pub fn label(&self, counts: impl Fn(usize) -> bool, labels: &mut [u32]) -> Vec<u32> {
+        let mut sizes: Vec<u32> = Vec::new();
+        for (item, &parent) in self.parent.iter().enumerate() {
+            if counts(item) {
+                if parent as usize == item {
+                    sizes.push(0);
+                    labels[item] = sizes.len() as u32;
+                } else {
+                    labels[item] = labels[parent as usize];
+                }
+                sizes[labels[item] as usize - 1] += 1;
+            }
         }
-        self.parent
+        sizes
+    }
+
+    /// The same labels in the memory of the sets.
+    pub fn into_labels(self, counts: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>) {
+        let (mut labels, mut sizes): (_, Vec<u32>) = (self.parent, Vec::new());
+        for item in 0..labels.len() {
+            if counts(item) {
+                let parent = labels[item] as usize;
+                if parent == item {
+                    sizes.push(0);
+                    labels[item] = sizes.len() as u32;
+                } else {
+                    labels[item] = labels[parent];
+                }
+                sizes[labels[item] as usize - 1] += 1;
+            } else {
+                labels[item] = 0;
+            }
+        }
+        (labels, sizes)
     }
 
     /// Joins the sets of `a` and `b`; returns whether they were apart.

@@ -6,11 +6,12 @@
 mod ahp;
 mod criteria;
 mod paper;
+mod plain;
 mod ranker;
 
 use thiserror::Error;
 
-use crate::grid::{Cell, GridError, GridGeometry, Layer};
+use crate::grid::{Cell, GridError, GridGeometry, Layer, LayerView};
 use crate::soil::{SoilClass, SoilError, SoilTable};
 use crate::vehicle::VehicleError;
 
@@ -109,6 +110,11 @@ impl CellRank {
     pub const fn reason(self) -> Reason {
         Reason::ALL[(self.0 >> 4) as usize]
     }
+
+    /// The rank in the low four bits, the code of the reason in the high four.
+    pub const fn byte(self) -> u8 {
+        self.0
+    }
 }
 
 /// Ranks of a whole grid.
@@ -128,10 +134,7 @@ impl RankMap {
     /// # Errors
     /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
     pub fn from_ranks(geometry: GridGeometry, ranks: &[u8]) -> Result<Self, RankError> {
-        let greatest = ranks.iter().copied().max().unwrap_or(0);
-        if greatest > 10 {
-            return Err(RankError::Rank { rank: greatest });
-        }
+        check_ranks(ranks)?;
         let cells = ranks.iter().map(|&rank| match rank {
             0 => CellRank::UNKNOWN,
             rank => CellRank(rank),
@@ -145,15 +148,42 @@ impl RankMap {
         &self.cells
     }
 
-    /// The cells' bytes: the rank in the low four bits, the code of the reason in the high four.
-    pub fn into_bytes(self) -> Vec<u8> {
-        // Collecting in place keeps the allocation.
-        self.cells.into_data().into_iter().map(|cell| cell.0).collect()
-    }
-
     /// The cells, to be changed.
     pub fn cells_mut(&mut self) -> &mut Layer<CellRank> {
         &mut self.cells
+    }
+}
+
+fn check_ranks(ranks: &[u8]) -> Result<(), RankError> {
+    let greatest = ranks.iter().copied().fold(0, u8::max);
+    if greatest > 10 {
+        return Err(RankError::Rank { rank: greatest });
+    }
+    Ok(())
+}
+
+/// Plain ranks of a whole grid, borrowed: 0 unknown, 1 no-go, 2 to 10.
+#[derive(Clone, Copy, Debug)]
+pub struct RankView<'a>(LayerView<'a, u8>);
+
+impl<'a> RankView<'a> {
+    /// A view of ranks, row by row from the north-west.
+    ///
+    /// # Errors
+    /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
+    pub fn new(geometry: GridGeometry, ranks: &'a [u8]) -> Result<Self, RankError> {
+        check_ranks(ranks)?;
+        Ok(Self(LayerView::new(geometry, ranks, "the rank map")?))
+    }
+
+    /// The geometry of the cells.
+    pub fn geometry(&self) -> GridGeometry {
+        self.0.geometry()
+    }
+
+    /// The ranks, all of them 0 to 10.
+    pub fn ranks(&self) -> &'a [u8] {
+        self.0.data()
     }
 }
 
@@ -164,6 +194,13 @@ pub trait CellSource: Sync {
 
     /// Rank and reason of a cell. The same cell always gives the same answer.
     fn cell_rank(&self, cell: Cell) -> CellRank;
+
+    /// Ranks of the cells that follow each other in a row, from `column` on: for each what [`Self::cell_rank`] gives.
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        for (place, rank) in ranks.iter_mut().enumerate() {
+            *rank = self.cell_rank(Cell::new(row, column + place));
+        }
+    }
 }
 
 impl<Source: CellSource> CellSource for &Source {
@@ -183,6 +220,11 @@ impl CellSource for RankMap {
 
     fn cell_rank(&self, cell: Cell) -> CellRank {
         self.cells[cell]
+    }
+
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        let first = self.geometry().index(Cell::new(row, column));
+        ranks.copy_from_slice(&self.cells.data()[first..first + ranks.len()]);
     }
 }
 

@@ -2,13 +2,14 @@
 
 use rayon::prelude::*;
 
-use crate::grid::{Cell, EIGHT, GridGeometry, Layer, LayerView};
+use crate::grid::{Cell, EIGHT, GridError, GridGeometry, Layer, LayerView};
 use crate::soil::{SoilClass, check_moisture};
 use crate::terrain::{allowed_headings, gradient_at, neighbourhood, roughness_at};
 use crate::vehicle::Vehicle;
 
 use super::criteria::Criteria;
 use super::paper::goodness_of;
+use super::plain::{PlainRanks, STRETCH, slope_squared};
 use super::{CellRank, CellSource, Combine, Profile, RankError, RankMap, RankParams, Reason};
 
 /// Ranks cells of a terrain for a vehicle.
@@ -23,13 +24,7 @@ pub struct Ranker<'a> {
     vehicle: &'a Vehicle,
     /// Whether cells are fine enough to see what the wheels feel.
     fine: bool,
-}
-
-/// Ranks of plain terrain by soil code and exceeded bands, with the squared slopes up to which they hold.
-struct Lookup {
-    ranks: [[CellRank; 4]; 8],
-    bands_squared: [f32; 3],
-    plain_squared: [f32; 8],
+    plain: PlainRanks,
 }
 
 impl<'a> Ranker<'a> {
@@ -56,12 +51,14 @@ impl<'a> Ranker<'a> {
             if found == expected {
                 Ok(())
             } else {
-                Err(crate::grid::GridError::ShapeMismatch { what, expected, found })
+                Err(GridError::ShapeMismatch { what, expected, found })
             }
         };
         if let Some(soil) = soil {
             fits(soil.data().len(), "the soil layer")?;
-            let worst = soil.data().par_iter().copied().max().unwrap_or(0);
+            let chunks = soil.data().par_chunks(1 << 16);
+            let worst = chunks.map(|codes| codes.iter().copied().fold(0, u8::max)).max();
+            let worst = worst.unwrap_or(0);
             SoilClass::from_code(worst)?;
         }
         if let Some(grey) = grey {
@@ -78,13 +75,15 @@ impl<'a> Ranker<'a> {
             Profile::Metric | Profile::Literal => vehicle.max_grade(),
             Profile::Paper => vehicle.max_grade().min(params.paper_grade),
         };
+        let criteria = Criteria::new(vehicle, &params, limit, gated);
         Ok(Self {
             elevation_m,
             soil,
             grey,
             zones,
             params,
-            criteria: Criteria::new(vehicle, &params, limit, gated),
+            plain: PlainRanks::new(&criteria, vehicle, geometry.cell_size_m()),
+            criteria,
             vehicle,
             fine: params.profile == Profile::Metric && geometry.cell_size_m() <= vehicle.length_m,
         })
@@ -92,66 +91,60 @@ impl<'a> Ranker<'a> {
 
     /// Ranks every cell, rows in parallel.
     pub fn rank_all(&self) -> RankMap {
-        let geometry = self.geometry();
-        let mut cells = Layer::filled(geometry, CellRank::UNKNOWN);
-        let columns = geometry.columns();
-        let plain = self.params.profile == Profile::Metric && !self.fine && self.zones.is_none();
-        let lookup = self.lookup();
-        cells.data_mut().par_chunks_mut(columns).enumerate().for_each_init(
-            || vec![0.0; columns],
-            |slopes, (row, out)| {
-                if plain && row > 0 && row + 1 < geometry.rows() && columns > 2 {
-                    self.rank_row(row, &lookup, slopes, out);
-                } else {
-                    for (column, cell) in out.iter_mut().enumerate() {
-                        *cell = self.cell_rank(Cell::new(row, column));
-                    }
-                }
-            },
-        );
+        let mut cells = Layer::filled(self.geometry(), CellRank::UNKNOWN);
+        self.rank_into(cells.data_mut(), |rank| rank);
         RankMap::new(cells)
     }
 
-    /// Ranks an inner row: a pass of arithmetic that the compiler turns into vector instructions, then look-ups.
-    fn rank_row(&self, row: usize, lookup: &Lookup, slopes: &mut [f32], out: &mut [CellRank]) {
-        let run = 8.0 * self.geometry().cell_size_m() as f32;
-        let scale = 1.0 / (run * run);
-        let inner = out.len() - 2;
-        let [north, here, south] = [row - 1, row, row + 1].map(|row| self.elevation_m.row(row));
-        let [(nw, n, ne), (w, h, e), (sw, s, se)] =
-            [north, here, south].map(|row| (&row[..inner], &row[1..=inner], &row[2..]));
-        for (i, slope) in slopes[..inner].iter_mut().enumerate() {
-            let around = [nw[i], n[i], ne[i], w[i], e[i], sw[i], s[i], se[i]];
-            // Adding nothing of the cell's own height makes an unknown cell's slope unknown.
-            *slope = slope_squared(around, scale) + 0.0 * h[i];
+    /// Ranks every cell into an array of the caller's, rows in parallel: the rank in the low four bits, the code of the
+    /// reason in the high four.
+    ///
+    /// # Errors
+    /// [`RankError::Grid`] when there is not one byte per cell.
+    pub fn rank_bytes(&self, bytes: &mut [u8]) -> Result<(), RankError> {
+        let (expected, found) = (self.geometry().cell_count(), bytes.len());
+        if found != expected {
+            let what = "the rank map";
+            return Err(GridError::ShapeMismatch { what, expected, found }.into());
         }
-        let soil = self.soil.map(|soil| &soil.row(row)[1..=inner]);
-        let [first, second, limit] = lookup.bands_squared;
-        for (i, (&slope, cell)) in slopes[..inner].iter().zip(&mut out[1..=inner]).enumerate() {
-            let code = usize::from(soil.map_or(0, |soil| soil[i])) & 7;
-            let exceeded = usize::from(slope > first) + usize::from(slope > second) + usize::from(slope > limit);
-            // Unknown slopes fail the comparison too.
-            *cell = if slope <= lookup.plain_squared[code] || slope > limit {
-                lookup.ranks[code][exceeded]
-            } else {
-                self.cell_rank(Cell::new(row, i + 1))
-            };
-        }
-        out[0] = self.cell_rank(Cell::new(row, 0));
-        out[inner + 1] = self.cell_rank(Cell::new(row, inner + 1));
+        self.rank_into(bytes, CellRank::byte);
+        Ok(())
     }
 
-    /// The tables of a pass over plain terrain.
-    fn lookup(&self) -> Lookup {
-        let (ranks, steepest) = self.criteria.tables();
-        // Down or up a slope some of the sixteen headings lies within 13.3 degrees of the fall line, where the side slope
-        // is at most 0.23 of the slope: up to here the heading gate cannot fail.
-        let headed = self.vehicle.max_grade().min(self.vehicle.side_slope / 0.23);
-        let headed_squared = (headed * headed * (1.0 - 1e-6)) as f32;
-        Lookup {
-            ranks,
-            bands_squared: self.criteria.bands_squared(),
-            plain_squared: steepest.map(|squared| squared.min(headed_squared)),
+    fn rank_into<T: Send>(&self, cells: &mut [T], wrap: impl Fn(CellRank) -> T + Copy + Sync) {
+        cells
+            .par_chunks_mut(self.geometry().columns())
+            .with_min_len(16)
+            .enumerate()
+            .for_each(|(row, out)| self.rank_stretch(row, 0, out, wrap));
+    }
+
+    /// Ranks cells that follow each other in a row, from `column` on.
+    fn rank_stretch<T>(&self, row: usize, column: usize, out: &mut [T], wrap: impl Fn(CellRank) -> T + Copy) {
+        let geometry = self.geometry();
+        let alone = |column| wrap(self.cell_rank(Cell::new(row, column)));
+        let plain = self.params.profile == Profile::Metric && !self.fine && self.zones.is_none();
+        if !plain || row == 0 || row + 1 >= geometry.rows() {
+            for (place, cell) in out.iter_mut().enumerate() {
+                *cell = alone(column + place);
+            }
+            return;
+        }
+        // The map's first and last column lack neighbours.
+        let end = column + out.len();
+        let first = column.max(1).min(end);
+        let last = end.min(geometry.columns() - 1).max(first);
+        for outer in (column..first).chain(last..end) {
+            out[outer - column] = alone(outer);
+        }
+        let inner = &mut out[first - column..last - column];
+        let [north, here, south] = [row - 1, row, row + 1].map(|row| self.elevation_m.row(row));
+        for (number, out) in inner.chunks_mut(STRETCH).enumerate() {
+            let first = first + number * STRETCH;
+            let heights = [north, here, south].map(|heights| &heights[first - 1..=first + out.len()]);
+            let soil = self.soil.map(|soil| &soil.row(row)[first..first + out.len()]);
+            let cell_rank = |place| self.cell_rank(Cell::new(row, first + place));
+            self.plain.rank(heights, soil, out, wrap, cell_rank);
         }
     }
 
@@ -229,14 +222,10 @@ impl CellSource for Ranker<'_> {
             None => ranked,
         }
     }
-}
 
-/// Square of Horn's slope; differences are taken first so that single precision loses nothing that the heights had.
-#[inline]
-fn slope_squared([nw, n, ne, w, e, sw, s, se]: [f32; 8], scale: f32) -> f32 {
-    let east = (ne - nw) + 2.0 * (e - w) + (se - sw);
-    let north = (nw - sw) + 2.0 * (n - s) + (ne - se);
-    (east * east + north * north) * scale
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        self.rank_stretch(row, column, ranks, |rank| rank);
+    }
 }
 
 fn check_params(params: &RankParams) -> Result<(), RankError> {
@@ -381,6 +370,8 @@ mod tests {
             moisture_percent in 5.0f64..60.0,
             size in prop_oneof![3 => Just(30.0), 3 => Just(200.0), 1 => Just(1.0)],
             side_slope in prop_oneof![Just(0.2), Just(0.02)],
+            place in 0usize..72,
+            long in 0usize..10,
         ) {
             let geometry = GridGeometry::new(8, 9, size, 0.0, 0.0).unwrap();
             let elevation = Layer::new(geometry, heights, "z").unwrap();
@@ -393,6 +384,14 @@ mod tests {
             for cell in geometry.cells() {
                 prop_assert_eq!(map.cells()[cell], ranker.cell_rank(cell), "{:?}", cell);
             }
+            let mut bytes = vec![0; 72];
+            ranker.rank_bytes(&mut bytes).unwrap();
+            let packed: Vec<u8> = map.cells().data().iter().map(|rank| rank.byte()).collect();
+            prop_assert_eq!(bytes, packed);
+            let (row, column) = (place / 9, place % 9);
+            let mut window = vec![CellRank::UNKNOWN; (9 - column).min(long)];
+            ranker.rank_window(row, column, &mut window);
+            prop_assert_eq!(&window[..], &map.cells().data()[place..place + window.len()]);
         }
 
         #[test]

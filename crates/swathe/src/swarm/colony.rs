@@ -256,7 +256,8 @@ impl<Source: CellSource> Colony<Source> {
         let sets = std::mem::replace(&mut self.sets, UnionFind::new(0));
         self.pellets = Vec::new();
         let flags = &self.flags;
-        Nests::from_labels(self.geometry, sets.into_roots(|index| flags[index] & flag::NEST > 0))
+        let (labels, sizes) = sets.into_labels(|index| flags[index] & flag::NEST > 0);
+        Ok(Nests::new(Layer::new(self.geometry, labels, "the nests")?, sizes))
     }
 
     /// Takes back nests that [`Self::take_nests`] gave, so that the swathe can be widened.
@@ -280,14 +281,10 @@ impl<Source: CellSource> Colony<Source> {
     /// # Errors
     /// [`NestError::Grid`] never in practice: the labels are of the map.
     pub fn nests(&self) -> Result<Nests, NestError> {
-        let labels = (0..self.flags.len()).map(|index| {
-            if self.flags[index] & flag::NEST > 0 {
-                self.sets.peek(index as u32) + 1
-            } else {
-                0
-            }
-        });
-        Nests::from_labels(self.geometry, labels.collect())
+        let mut labels = Layer::filled(self.geometry, 0);
+        let nest = |index: usize| self.flags[index] & flag::NEST > 0;
+        let sizes = self.sets.label(nest, labels.data_mut());
+        Ok(Nests::new(labels, sizes))
     }
 
     /// Whether nothing that is known keeps a cell from being a core.
@@ -466,6 +463,60 @@ mod tests {
         colony.run(1_000_000, &mut silent());
         let at = colony.tally().connected_at.unwrap();
         assert!(0 < at && at <= colony.tally().ticks);
+    }
+
+    /// FNV-1a of everything that a run leaves behind.
+    fn checksum(params: SwarmParams, ticks: u64) -> u64 {
+        let map = world(90, 70, 3, 6);
+        let mut inside = everywhere(&map);
+        for (i, cell) in inside.data_mut().iter_mut().enumerate() {
+            *cell = i % 70 + i / 70 > 20;
+        }
+        let mut colony = Colony::deploy(&map, &inside, params).unwrap();
+        colony.run(ticks, &mut silent());
+        let tally = colony.tally();
+        let cells = map.cells().geometry().cells();
+        let pellets = cells.map(|cell| u64::from(colony.pellets(cell)));
+        let agents = colony.agents().map(|cell| (cell.row * 70 + cell.column) as u64);
+        let counts = [tally.ticks, tally.visits, tally.cells_evaluated, tally.cores];
+        let numbers = pellets.chain(agents).chain(counts).collect::<Vec<_>>();
+        let nests = colony.nests().unwrap();
+        let labels = nests.labels().data().iter().map(|&label| u64::from(label));
+        let bytes = numbers.into_iter().chain(labels).flat_map(u64::to_le_bytes);
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+    }
+
+    #[test]
+    fn the_same_seed_leaves_the_same_bytes_as_ever() {
+        let with = |explore, pellet_max, attract, agents, contact| SwarmParams {
+            explore,
+            pellet_max,
+            attract,
+            agents,
+            nest: NestParams {
+                contact,
+                ..NestParams::default()
+            },
+            seed: 0x1234_5678_9abc,
+            ..SwarmParams::default()
+        };
+        let found = [
+            checksum(with(Explore::Walk, 1, 0.0, 40, Contact::Edge), 60),
+            checksum(with(Explore::Walk, 3, 0.0, 5000, Contact::Corner), 5),
+            checksum(with(Explore::Walk, 2, 2.5, 300, Contact::Overlap), 25),
+            checksum(with(Explore::Uniform, 2, 0.0, 100, Contact::Edge), 80),
+        ];
+        assert_eq!(
+            found,
+            [
+                0xccac_86fa_cfd0_1de8,
+                0xbde9_4245_4241_4ec5,
+                0xfbee_4189_9b0e_7f5f,
+                0xf7c0_1823_0a22_62a7
+            ]
+        );
     }
 
     #[test]
