@@ -68,6 +68,8 @@ impl PlainRanks {
         for (entry, &slope) in entries.iter_mut().zip(&*slopes) {
             let exceeded = u8::from(slope > first) + u8::from(slope > second) + u8::from(slope > limit);
             // An unknown slope fails both comparisons.
+            // Both are compared, so that no branch keeps the loop from becoming vector code.
+            #[allow(clippy::needless_bitwise_bool, reason = "a branch would keep the loop scalar")]
             let decided = (slope <= everywhere) | (slope > limit);
             *entry = exceeded << 3 | if decided { 0 } else { DOUBTFUL };
             doubts |= *entry;

@@ -511,9 +511,9 @@ mod tests {
         assert_eq!(
             found,
             [
-                0xccac_86fa_cfd0_1de8,
+                0x6b1c_40a4_0355_3a34,
                 0xbde9_4245_4241_4ec5,
-                0xfbee_4189_9b0e_7f5f,
+                0x435e_2957_0fcb_f018,
                 0xf7c0_1823_0a22_62a7
             ]
         );
