@@ -3,7 +3,7 @@
 use crate::grid::{Cell, EIGHT, GridGeometry};
 use crate::random::{below, philox, unit};
 
-use super::{Explore, SwarmParams};
+use super::{Explore, State, SwarmParams};
 
 /// Tries to find a cell inside the swathe before an agent stays where it is.
 const DEPLOYMENT_TRIES: u32 = 64;
@@ -40,22 +40,22 @@ pub(super) struct Field<'a, Inside, Pellets> {
 }
 
 impl<Inside: Fn(usize) -> bool, Pellets: Fn(usize) -> u8> Field<'_, Inside, Pellets> {
-    /// The cell that an agent visits in a tick (tick 0 is the first deployment), or `None` when a permutation sends it
-    /// outside the swathe.
-    pub(super) fn visit(&self, agent: u32, tick: u64, here: usize) -> Option<usize> {
+    /// The cell that an agent visits in a tick (tick 0 is the first deployment) and whether it is deployed there or walks,
+    /// or `None` when a permutation sends it outside the swathe.
+    pub(super) fn visit(&self, agent: u32, tick: u64, here: usize) -> Option<(usize, State)> {
         let draw = philox([agent, tick as u32, (tick >> 32) as u32, 0], self.params.seed);
         match self.params.explore {
             Explore::Permute => {
                 let visit = tick * u64::from(self.params.agents) + u64::from(agent);
                 let number = permuted(visit, self.extent.cell_count(), self.params.seed);
                 let index = self.geometry.index(self.extent.cell(number));
-                (self.inside)(index).then_some(index)
+                (self.inside)(index).then_some((index, State::Deploy))
             }
-            Explore::Uniform => Some(self.deploy(agent, tick).unwrap_or(here)),
+            Explore::Uniform => Some((self.deploy(agent, tick).unwrap_or(here), State::Deploy)),
             Explore::Walk if tick == 0 || unit(draw[0]) < self.params.teleport => {
-                Some(self.deploy(agent, tick).unwrap_or(here))
+                Some((self.deploy(agent, tick).unwrap_or(here), State::Deploy))
             }
-            Explore::Walk => Some(self.step(here, draw[1])),
+            Explore::Walk => Some((self.step(here, draw[1]), State::Forage)),
         }
     }
 

@@ -1,5 +1,8 @@
 //! The colony: all agents, the cells they know, and the nests they have built.
 
+mod frame;
+mod trace;
+
 use rayon::prelude::*;
 
 use crate::grid::{Cell, FOUR, GridGeometry, Layer, Step};
@@ -8,7 +11,9 @@ use crate::progress::Report;
 use crate::rank::{CellRank, CellSource};
 
 use super::agents::{Extent, Field};
-use super::{SwarmError, SwarmParams};
+use super::{State, SwarmError, SwarmParams};
+
+pub use frame::{Frame, FrameTicks, Seen};
 
 mod guided;
 
@@ -25,7 +30,6 @@ mod flag {
 
 /// From this many agents on they are served by several threads.
 const PARALLEL_AGENTS: u32 = 4096;
-
 /// Ticks between two reports.
 const TICKS_PER_REPORT: u64 = 64;
 
@@ -72,6 +76,7 @@ pub struct Colony<'a, Source: CellSource> {
     epoch_start: u64,
     watched: Option<(usize, usize)>,
     tally: Tally,
+    trace: trace::Trace,
 }
 
 impl<'a, Source: CellSource> Colony<'a, Source> {
@@ -102,6 +107,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             epoch_start: 0,
             watched: None,
             tally: Tally::default(),
+            trace: trace::Trace::default(),
         };
         colony.widen(inside)?;
         let first = colony
@@ -178,6 +184,7 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             }
             self.tick();
         }
+        self.trace.finish();
         Ending::Finished
     }
 
@@ -259,28 +266,35 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
         self.tally.ticks += 1;
         let mut full = Vec::new();
         for (agent, visit) in visits.into_iter().enumerate() {
-            let Some((index, rank)) = visit else { continue };
+            self.trace.arrive(tick, visit.map(|visit| visit.2));
+            let Some((index, rank, _)) = visit else { continue };
             self.tally.visits += 1;
             self.agents[agent] = index as u32;
             if let Some(rank) = rank {
                 self.learn(index, rank);
             }
             let pellets = &mut self.pellets[index];
-            if self.flags[index] & flag::SUITABLE > 0 && *pellets < self.params.pellet_max {
+            let suitable = self.flags[index] & flag::SUITABLE > 0;
+            self.trace.enter_if(suitable, State::Count);
+            if suitable && *pellets < self.params.pellet_max {
                 *pellets += 1;
+                self.trace.enter(State::Drop);
                 if *pellets == self.params.pellet_max {
                     full.push(index);
+                    self.trace.enter(State::Build);
                 }
             }
+            self.trace.enter(State::Forage);
         }
         for index in full {
             self.build(index);
+            self.trace.enter(State::Forage);
         }
         self.note_connection();
     }
 
     /// The cell that each agent visits, with its rank where it was not known yet.
-    fn visits(&self, tick: u64) -> Vec<Option<(usize, Option<CellRank>)>> {
+    fn visits(&self, tick: u64) -> Vec<Option<(usize, Option<CellRank>, State)>> {
         let field = Field {
             geometry: self.geometry,
             extent: self.extent,
@@ -289,10 +303,10 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             pellets: |index: usize| self.pellets[index],
         };
         let visit = |(agent, &here): (usize, &u32)| {
-            let index = field.visit(agent as u32, tick, here as usize)?;
+            let (index, arrival) = field.visit(agent as u32, tick, here as usize)?;
             let known = self.flags[index] & (flag::EVALUATED | flag::INSIDE) != flag::INSIDE;
             let rank = (!known).then(|| self.source.cell_rank(self.geometry.cell(index)));
-            Some((index, rank))
+            Some((index, rank, arrival))
         };
         if self.params.agents < PARALLEL_AGENTS {
             self.agents.iter().enumerate().map(visit).collect()
@@ -327,10 +341,12 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
     /// The core test of a cell whose pellets are full.
     fn build(&mut self, index: usize) {
         let cell = self.geometry.cell(index);
+        self.trace.begin(State::Build);
         for step in 0..self.vicinity.len() {
             if self.flags[index] & flag::DEAD > 0 {
-                return;
+                return self.trace.enter(State::Reject);
             }
+            self.trace.enter(State::Examine);
             if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
                 let near_index = self.geometry.index(near);
                 let flags = self.flags[near_index];
@@ -340,8 +356,9 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             }
         }
         if self.flags[index] & (flag::DEAD | flag::CORE) > 0 {
-            return;
+            return self.trace.enter_if(self.flags[index] & flag::DEAD > 0, State::Reject);
         }
+        self.trace.enter(State::Core);
         self.flags[index] |= flag::CORE;
         self.open -= 1;
         self.tally.cores += 1;
@@ -349,7 +366,10 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
                 let near_index = self.geometry.index(near);
                 if self.flags[near_index] & flag::INSIDE > 0 {
-                    self.sets.union(index as u32, near_index as u32);
+                    self.trace.enter(State::Join);
+                    let joined = self.sets.union(index as u32, near_index as u32);
+                    self.trace
+                        .enter_if(joined && self.flags[near_index] & flag::NEST > 0, State::Merge);
                     self.join(near);
                 }
             }
@@ -372,7 +392,8 @@ impl<'a, Source: CellSource> Colony<'a, Source> {
             if let Some(near) = step.from(&self.geometry, cell) {
                 let near = self.geometry.index(near);
                 if self.flags[near] & flag::NEST > 0 {
-                    self.sets.union(index as u32, near as u32);
+                    let joined = self.sets.union(index as u32, near as u32);
+                    self.trace.enter_if(joined, State::Merge);
                 }
             }
         }

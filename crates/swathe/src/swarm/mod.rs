@@ -7,13 +7,15 @@
 
 mod agents;
 mod colony;
+mod transitions;
 
 use thiserror::Error;
 
 use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
-pub use colony::{Colony, Ending, Tally};
+pub use colony::{Colony, Ending, Frame, FrameTicks, Seen, Tally};
+pub use transitions::{Chart, State, TRANSITIONS, Transition};
 
 /// Most agents of a swarm.
 pub const MOST_AGENTS: u32 = 1_000_000;
