@@ -171,9 +171,7 @@ def run_swarm(
             f"Frames every {frame_every} ticks in blocks of {frame_step} cells cannot be taken.", "Give 1 or more."
         )
     view = None if on_frame is None else (lambda found: on_frame(_frame(found)))
-    found = _core.run_swarm(
-        region.core, mask, params.core_arguments(), limit, on_progress, view, every, at, frame_step
-    )
+    found = _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress, view, every, at, frame_step)
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
     return Swarm(nests, found["ending"], tally(found))
 

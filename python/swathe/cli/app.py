@@ -258,7 +258,18 @@ def nests(
     vehicle: VehicleName = "pioneer-3at",
     method: Method = "swarm",
     profile: Profile = "metric",
-    compare: Annotated[bool, typer.Option("--compare", help="Run swarm and exact pass side by side.")] = False,
+    start: Annotated[
+        str | None, typer.Option("--start", help="LON,LAT; with --goal only the swathe is searched.")
+    ] = None,
+    goal: Annotated[str | None, typer.Option("--goal", help="LON,LAT of the other end of the swathe.")] = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="Run swarm, exact pass and, with --start and --goal, lazy A* side by side."),
+    ] = False,
+    seeds: Annotated[int, typer.Option("--seeds", help="Seeds that --compare runs, for 95 % intervals.")] = 1,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Add an animation of the swarm, as GIF and as HTML page.")
+    ] = False,
     cell_size: CellSize = None,
     height_range: HeightRange = None,
     crs: Crs = None,
@@ -290,9 +301,15 @@ def nests(
       swathe nests --dem dem.tif --soil soil.gpkg --vehicle tractor
 
       swathe nests --dem bundled:jacksboro --soil bundled:jacksboro --vehicle tractor --compare
+
+      swathe nests --dem bundled:jacksboro --vehicle tractor --start=-84.1311,36.4621 --goal=-84.1872,36.5762 \
+          --compare --seeds 20
+
+      swathe nests --dem bundled:jacksboro --vehicle tractor --animate
     """
     from swathe import mission
     from swathe.cli import say
+    from swathe.cli.compare import ends_of
 
     terrain = _terrain(
         dem=dem,
@@ -326,7 +343,14 @@ def nests(
     )
     with say.progress(quiet=quiet or json) as report:
         summary = mission.find_nests(
-            terrain, settings, out or Path("swathe-nests"), compare=compare, on_progress=report
+            terrain,
+            settings,
+            out or Path("swathe-nests"),
+            ends=ends_of(start, goal),
+            compare=compare,
+            seeds=seeds,
+            animate=animate,
+            on_progress=report,
         )
     say.result(summary, as_json=json)
     return 0

@@ -18,7 +18,19 @@ if TYPE_CHECKING:
 SUMMARY = "summary.json"
 
 #: Every file that a run may leave; a folder that holds anything else is not ours.
-OUR_FILES = frozenset({SUMMARY, "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"})
+OUR_FILES = frozenset(
+    {
+        SUMMARY,
+        "route.geojson",
+        "nests.geojson",
+        "rank.tif",
+        "map.png",
+        "profile.png",
+        "report.html",
+        "animation.gif",
+        "animation.html",
+    }
+)
 
 _STAGING = ".swathe-part-"
 
