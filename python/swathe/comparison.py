@@ -217,7 +217,7 @@ def student_interval(values: Sequence[float]) -> tuple[float, float] | None:
 
 
 def student_quantile(degrees: int) -> float:
-    """Return the two-sided 95 % quantile of Student's distribution (beyond ten degrees Abramowitz and Stegun 26.7.5)."""
+    """Return the two-sided 95 % quantile of Student's distribution (Abramowitz and Stegun 26.7.5 beyond ten)."""
     if degrees <= len(_STUDENT):
         return _STUDENT[degrees - 1]
     z = _NORMAL

@@ -266,6 +266,24 @@ def find_nests(
     return summary
 
 
+def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: OnProgress | None = None) -> Ground:
+    """Read the whole map (or ``terrain.bounds``) and make a region of it, for pictures of it.
+
+    Raises:
+        SwatheError: the inputs cannot be used, or the user stopped.
+    """
+    watch = Stopwatch()
+    vehicle = load_vehicle(settings.vehicle)
+    with _open(terrain) as source:
+        window = bounded(source, terrain.bounds, terrain.points_crs)
+        return _prepare(source, terrain, window, vehicle, settings, is_whole=True, watch=watch, on_progress=on_progress)
+
+
+def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]:
+    """Return the part of a summary that every command shares."""
+    return _summary(command, ground, settings)
+
+
 def _animate(folder: Path, ground: Ground, shown: comparison.FoundNests, settings: Settings) -> None:
     """Run the swarm again with the same seed, which gives the same swarm, and write its animation."""
     from swathe.report import animation

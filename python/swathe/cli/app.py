@@ -357,6 +357,73 @@ def nests(
 
 
 @app.command()
+def figures(
+    *,
+    dem: Annotated[
+        list[str] | None,
+        typer.Option("--dem", help="Elevation, as with `swathe plan`. [default: bundled:jacksboro with its soil]"),
+    ] = None,
+    soil: Soil = None,
+    soil_field: SoilField = None,
+    soil_legend: SoilLegend = None,
+    start: Annotated[str | None, typer.Option("--start", help="LON,LAT where the global path begins.")] = None,
+    goal: Annotated[str | None, typer.Option("--goal", help="LON,LAT where it ends.")] = None,
+    vehicle: VehicleName = "tractor",
+    method: Method = "swarm",
+    profile: Profile = "metric",
+    cell_size: CellSize = None,
+    height_range: HeightRange = None,
+    crs: Crs = None,
+    points_crs: PointsCrs = None,
+    bounds: Bounds = None,
+    moisture: Moisture = "normal",
+    unknown_soil: UnknownSoil = "neutral",
+    seed: Seed = 0,
+    threads: Threads = None,
+    memory_limit: MemoryLimit = None,
+    out: Out = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """Draw the paper's figures: flow charts, height map, terrain, soil, grids, nests and global path.
+
+    Example:
+
+      swathe figures --out my-figures
+    """
+    from swathe.cli import figures as drawing
+    from swathe.cli.compare import ends_of
+
+    terrain = _terrain(
+        dem=dem or [],
+        soil=soil,
+        soil_field=soil_field,
+        soil_legend=soil_legend,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=points_crs,
+        bounds=bounds,
+        memory_limit=memory_limit,
+    )
+    settings = _settings(
+        vehicle=vehicle,
+        method=method,
+        profile=profile,
+        moisture=moisture,
+        unknown_soil=unknown_soil,
+        agents=None,
+        pellets=None,
+        seed=seed,
+        threads=threads,
+        weights=None,
+    )
+    ends = ends_of(start, goal)
+    return drawing.draw(terrain, settings, out or Path("swathe-figures"), ends=ends, as_json=json, quiet=quiet)
+
+
+@app.command()
 def report(
     folder: Annotated[Path, typer.Argument(help="A run's folder.")],
     json: Json = False,

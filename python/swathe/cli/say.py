@@ -18,6 +18,7 @@ _STAGES = {
     "regions": "Termites at work",
     "route": "Searching the route",
     "writing": "Writing maps and report",
+    "figures": "Drawing figures",
 }
 
 
