@@ -146,12 +146,8 @@ def compare(
     firsts: tuple[FoundNests, FoundNests] | None = None
     for seed in drawn:
         with_seed = replace(params, seed=seed)
-        ours, our_plan, our_seconds = _timed(
-            lambda p=with_seed: find(region, "swarm", p, corridor, ends, on_progress=on_progress)
-        )
-        exact, best, seconds = _timed(
-            lambda p=with_seed: find(region, "exact", p, corridor, ends, on_progress=on_progress)
-        )
+        ours, our_plan, our_seconds = _timed(region, "swarm", with_seed, corridor, ends, on_progress=on_progress)
+        exact, best, seconds = _timed(region, "exact", with_seed, corridor, ends, on_progress=on_progress)
         optimum = None if best is None else best.path_cost
         runs["exact"].append(
             Measured(
@@ -250,10 +246,16 @@ def _vicinity(name: str) -> tuple[int, list[tuple[int, int]]]:
 
 
 def _timed(
-    work: Callable[[], tuple[FoundNests, planner.Plan | None]],
+    region: Region,
+    method: Literal["swarm", "exact"],
+    params: SwarmParams,
+    corridor: CorridorParams,
+    ends: Ends | None,
+    *,
+    on_progress: OnProgress | None,
 ) -> tuple[FoundNests, planner.Plan | None, float]:
     began = time.perf_counter()
-    nests, answer = work()
+    nests, answer = find(region, method, params, corridor, ends, on_progress=on_progress)
     return nests, answer, time.perf_counter() - began
 
 

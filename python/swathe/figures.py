@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from dataclasses import replace
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -114,36 +115,31 @@ def _draw(
     paper_figures.draw_overlapping_grids(tell("overlapping-grids.png"), suitable, geometry, window, tags, cell_m=cell_m)
     nests = nesting.exact_nests(ranks, rank_min=params.nest.rank_min)
     subtitle = f"{region.vehicle.name}, {geometry.rows} x {geometry.columns} cells of {geometry.cell_size_m:g} m"
-    picture = {
-        "geometry": geometry,
-        "elevation_m": region.elevation_m,
-        "rank": ranks,
-        "subtitle": subtitle,
-        "lonlat_of": lonlat_of,
-    }
-    title = "One nest" if nests.count == 1 else f"{nests.count:,} nests"
-    draw_map(
-        tell("nests.png"),
-        MapPicture(**picture, title=f"{title} on ranked ground", nest_rings=_rings(nests, ground)),
-        metadata=tags,
+    picture = MapPicture(
+        geometry,
+        region.elevation_m,
+        ranks,
+        "One nest on ranked ground" if nests.count == 1 else f"{nests.count:,} nests on ranked ground",
+        subtitle,
+        nest_rings=_rings(nests, ground),
+        lonlat_of=lonlat_of,
     )
+    draw_map(tell("nests.png"), picture, metadata=tags)
     ends = ends or _far_ends(nests, ground)
     if ends is not None:
         plan = planner.plan(region, *ends, method=settings.method, swarm=params, corridor=settings.corridor_params())
-        found = plan.nests or nests
-        title = "Global path through the nests" if plan.route else f"No global path: {plan.reason}"
-        route = MapPicture(
-            **picture,
-            title=title,
-            nest_rings=_rings(found, ground),
+        picture = replace(
+            picture,
+            title="Global path through the nests" if plan.route else f"No global path: {plan.reason}",
+            nest_rings=_rings(plan.nests or nests, ground),
             swathe=None if plan.corridor is None else plan.corridor.cells(geometry),
             arc_xy_m=None if plan.corridor is None else plan.corridor.arc_xy_m,
             route_xy_m=None if plan.route is None else plan.route.xy_m,
-            start_xy_m=tuple(ends[0]),
-            goal_xy_m=tuple(ends[1]),
-            blocked_xy_m=None if plan.place is None else tuple(plan.place),
+            start_xy_m=ends[0],
+            goal_xy_m=ends[1],
+            blocked_xy_m=plan.place,
         )
-        draw_map(tell("global-path.png"), route, metadata=tags)
+        draw_map(tell("global-path.png"), picture, metadata=tags)
     return drawn
 
 
@@ -172,7 +168,7 @@ def _far_ends(nests: Nests, ground: Ground) -> tuple[Position, Position] | None:
     sums = cells.sum(axis=1)
     first, last = cells[np.argmin(sums)], cells[np.argmax(sums)]
     geometry = ground.region.geometry
-    return tuple(geometry.position_of(Cell(int(row), int(column))) for row, column in (first, last))  # type: ignore[return-value]
+    return geometry.position_of(Cell(*map(int, first))), geometry.position_of(Cell(*map(int, last)))
 
 
 def _index(drawn: list[str], ground: Ground) -> str:

@@ -261,7 +261,12 @@ def find_nests(
             }
             if animate:
                 with watch.step("animate"):
-                    _animate(folder, ground, shown, settings)
+                    from swathe.report import animation
+
+                    ticks = None if shown.tally is None else shown.tally.ticks
+                    searched = shown.inside(ground.region)
+                    names = ", ".join(source.names)
+                    animation.animate(folder, ground.region, params, searched, ticks=ticks, source=names)
             _write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
     return summary
 
@@ -282,34 +287,6 @@ def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: 
 def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]:
     """Return the part of a summary that every command shares."""
     return _summary(command, ground, settings)
-
-
-def _animate(folder: Path, ground: Ground, shown: comparison.FoundNests, settings: Settings) -> None:
-    """Run the swarm again with the same seed, which gives the same swarm, and write its animation."""
-    from swathe.report import animation
-
-    region, params, inside = ground.region, settings.swarm_params(), shown.inside(ground.region)
-    ticks = (shown.tally or swarm.run_swarm(region, params, inside=inside).tally).ticks
-    frames: list[swarm.Frame] = []
-    swarm.run_swarm(
-        region,
-        params,
-        inside=inside,
-        ticks=ticks,
-        on_frame=frames.append,
-        frame_every=animation.frame_ticks(ticks),
-        frame_step=animation.frame_step(region.geometry),
-    )
-    film = animation.Film(
-        region.geometry,
-        region.elevation_m,
-        frames,
-        f"{params.agents:,} termites look for ground that the {region.vehicle.name} can cross",
-        f"{', '.join(ground.source.names)}: {region.geometry.rows} x {region.geometry.columns} cells of "
-        f"{region.geometry.cell_size_m:g} m, seed {params.seed}",
-    )
-    animation.write_gif(folder / "animation.gif", film)
-    animation.write_page(folder / "animation.html", film)
 
 
 def use_threads(threads: int | None) -> None:

@@ -308,9 +308,9 @@ def lazy_astar(
         UsageError: a cell lies outside, or a parameter is outside its range.
         InterruptedBySignalError: ``on_progress`` asked to stop.
     """
-    ends = [_cell(cell, region.geometry.shape) for cell in (start, goal)]
+    first, last = _cell(start, region.geometry.shape), _cell(goal, region.geometry.shape)
     nest = nest or NestParams(rank_min=region.params.rank_min)
-    found = _core.lazy_astar(region.core, *ends, asdict(nest), weight, on_progress)
+    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, on_progress)
     cells = None if found["cells"] is None else [Cell(*cell) for cell in found["cells"]]
     return LazySearch(cells, found["cost"], found["cells_evaluated"], found["cells_expanded"])
 

@@ -302,8 +302,7 @@ def nests(
 
       swathe nests --dem bundled:jacksboro --soil bundled:jacksboro --vehicle tractor --compare
 
-      swathe nests --dem bundled:jacksboro --vehicle tractor --start=-84.1311,36.4621 --goal=-84.1872,36.5762 \
-          --compare --seeds 20
+      swathe nests --dem dem.tif --start 10.03,51.52 --goal 10.12,51.58 --compare --seeds 20
 
       swathe nests --dem bundled:jacksboro --vehicle tractor --animate
     """

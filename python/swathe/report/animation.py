@@ -21,6 +21,7 @@ import numpy as np
 from swathe.errors import InvalidParameterError
 from swathe.report.output import replacing
 from swathe.report.palette import INK_COLOUR
+from swathe.swarm import run_swarm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
     from PIL import Image, ImageFont
 
     from swathe.grid import GridGeometry
-    from swathe.swarm import Frame
+    from swathe.rank import Region
+    from swathe.swarm import Frame, SwarmParams
 
 #: Blocks per side above which frames are taken coarser.
 MOST_BLOCKS = 400
@@ -87,6 +89,45 @@ class Film:
         rows, columns = self.frames[0].seen.shape
         zoom = _LONG_SIDE_PX / max(rows, columns)
         return max(1, round(columns * zoom)), max(1, round(rows * zoom))
+
+
+def animate(
+    folder: Path,
+    region: Region,
+    params: SwarmParams,
+    inside: NDArray[np.bool_] | None,
+    *,
+    ticks: int | None,
+    source: str,
+) -> None:
+    """Run a swarm again, which gives the same swarm, and write ``animation.gif`` and ``animation.html`` into a folder.
+
+    ``ticks`` is how long it runs, None until it is finished; ``source`` names the elevation.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    last = run_swarm(region, params, inside=inside).tally.ticks if ticks is None else ticks
+    frames: list[Frame] = []
+    run_swarm(
+        region,
+        params,
+        inside=inside,
+        ticks=last,
+        on_frame=frames.append,
+        frame_every=frame_ticks(last),
+        frame_step=frame_step(region.geometry),
+    )
+    rows, columns = region.geometry.shape
+    film = Film(
+        region.geometry,
+        region.elevation_m,
+        frames,
+        f"{params.agents:,} termites look for ground that the {region.vehicle.name} can cross",
+        f"{source}: {rows} x {columns} cells of {region.geometry.cell_size_m:g} m, seed {params.seed}",
+    )
+    write_gif(folder / "animation.gif", film)
+    write_page(folder / "animation.html", film)
 
 
 def frame_step(geometry: GridGeometry) -> int:

@@ -6,7 +6,8 @@ Maps with nests and routes are ``swathe.report.map``'s, flow charts ``swathe.rep
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -66,7 +67,7 @@ def draw_height_map(
         )
         width_in, height_in = _map_in(geometry)
         scale = add_axes_in(figure, _LEFT_IN + width_in + 0.3, _BOTTOM_IN + height_in - 3.2, 0.22, 3.2)
-        figure.colorbar(image, cax=scale, ticks=[0, 64, 128, 192, 255]).outline.set_linewidth(0.6)  # type: ignore[operator]
+        figure.colorbar(image, cax=scale, ticks=[0, 64, 128, 192, 255]).outline.set_linewidth(0.6)
         scale.set_title("grey level", fontsize=8, loc="left", color=FAINT_INK_COLOUR)
         save(figure, path, metadata)
 
@@ -103,7 +104,7 @@ def draw_terrain(
             "Terrain",
             f"{low:,.0f} to {high:,.0f} m, heights drawn {times} times as steep, seen from the south-west",
         )
-        axes = figure.add_axes((0.0, -0.02, 1.0, 0.96), projection="3d")
+        axes: Any = figure.add_axes((0.0, -0.02, 1.0, 0.96), projection="3d")
         axes.plot_surface(
             x,
             y,
@@ -115,7 +116,7 @@ def draw_terrain(
             antialiased=False,
             shade=False,
         )
-        axes.set_box_aspect((columns, rows, _RELIEF_SHARE * max(rows, columns)), zoom=1.42)
+        axes.set_box_aspect((columns, rows, _RELIEF_SHARE * max(rows, columns)), zoom=1.3)
         axes.set_zlim(low, high)
         axes.view_init(elev=38, azim=-112)
         axes.set_axis_off()
@@ -249,7 +250,7 @@ def _close_up(part: GridGeometry, ground: NDArray[np.bool_], cell_m: float) -> t
     columns = min(ground.shape[1], math.ceil(width_m / side_m))
     rows = min(ground.shape[0], math.ceil(0.8 * width_m / side_m))
     row, column = (ground.shape[0] - rows) // 2, (ground.shape[1] - columns) // 2
-    whole = type(part)(*ground.shape, side_m, part.west_m, part.north_m)
+    whole = replace(part, rows=ground.shape[0], columns=ground.shape[1], cell_size_m=side_m)
     return whole.window(row, column, rows, columns), ground[row : row + rows, column : column + columns]
 
 
@@ -322,7 +323,7 @@ def _key(
     figure: Figure,
     geometry: GridGeometry,
     entries: Sequence[tuple[str, str]],
-    lines: Sequence[tuple[str, str, str]] = (),
+    lines: Sequence[tuple[str, str, Literal["solid", "dashed"]]] = (),
 ) -> None:
     from matplotlib.lines import Line2D
 
