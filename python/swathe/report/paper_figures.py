@@ -105,7 +105,7 @@ def draw_terrain(
             f"{low:,.0f} to {high:,.0f} m, heights drawn {times} times as steep, seen from the south-west",
         )
         axes: Any = figure.add_axes((0.0, -0.02, 1.0, 0.96), projection="3d")
-        axes.plot_surface(
+        surface = axes.plot_surface(
             x,
             y,
             np.where(known, heights, np.nan),
@@ -116,6 +116,8 @@ def draw_terrain(
             antialiased=False,
             shade=False,
         )
+        # The axes are a square in the middle of the page; the ground may go beyond it.
+        surface.set_clip_on(False)
         axes.set_box_aspect((columns, rows, _RELIEF_SHARE * max(rows, columns)), zoom=1.3)
         axes.set_zlim(low, high)
         axes.view_init(elev=38, azim=-112)
