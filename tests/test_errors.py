@@ -163,6 +163,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "5 neighbours are not offered: 8 or 16 is allowed.",
         "Give 8 or 16.",
     ),
+    "planner.weight": (
+        InvalidParameterError,
+        "A weight of 0.5 for the bound is not usable: 1 to 1000 is allowed.",
+        "Give 1 to 1000.",
+    ),
     "planner.not_a_place": (
         InvalidParameterError,
         "The start (NaN, 0) is not a place: both coordinates must be finite.",

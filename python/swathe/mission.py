@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import swathe
+from swathe import comparison, planner, rank, swarm
 from swathe import nest as nesting
-from swathe import planner, rank, swarm
 from swathe.corridor import CorridorParams
 from swathe.errors import InterruptedBySignalError, InvalidParameterError, TooSmallError
 from swathe.export import place
@@ -209,13 +209,18 @@ def find_nests(
     settings: Settings,
     out: Path,
     *,
+    ends: tuple[tuple[float, float], tuple[float, float]] | None = None,
     compare: bool = False,
+    seeds: int = 1,
+    animate: bool = False,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Find the nests of the whole map (or of ``terrain.bounds``), write their folder and return the summary.
 
-    ``compare`` runs the swarm and the exact pass side by side and adds ``comparison``, ``precision``, ``recall`` (cells
-    of the exact nests that the swarm found) and ``recall_cores``.
+    With ``ends``, a start and a goal in ``terrain.points_crs``, only the swathe between them is searched. ``compare``
+    runs swarm, exact pass and lazy A* side by side with so many ``seeds`` and adds ``comparison``, ``precision``,
+    ``recall`` (cells of the exact nests that the swarm found) and ``recall_cores``. ``animate`` adds an animation of
+    the swarm.
     """
     watch = Stopwatch()
     with run_folder(out) as folder:
@@ -224,12 +229,26 @@ def find_nests(
             source = _open(terrain)
         with source:
             window = bounded(source, terrain.bounds, terrain.points_crs)
+            places = None
+            if ends is not None:
+                start, goal = (_place(source, point, terrain.points_crs) for point in ends)
+                places = (start, goal)
             ground = _prepare(
                 source, terrain, window, vehicle, settings, is_whole=True, watch=watch, on_progress=on_progress
             )
-            methods = ("swarm", "exact") if compare else (settings.method,)
-            found = {method: _nests_by(method, ground.region, settings, watch, on_progress) for method in methods}
-            shown = found[settings.method]
+            params, corridor = settings.swarm_params(), settings.corridor_params()
+            more: dict[str, Any] = {}
+            with watch.step("nests"):
+                if compare:
+                    both = comparison.compare(
+                        ground.region, params, corridor, ends=places, seeds=seeds, on_progress=on_progress
+                    )
+                    more = both.as_dict()
+                    shown = both.by_swarm if settings.method == "swarm" else both.exact
+                else:
+                    shown, _ = comparison.find(
+                        ground.region, settings.method, params, corridor, places, on_progress=on_progress
+                    )
             summary = {
                 **_summary("nests", ground, settings),
                 "status": "done",
@@ -238,63 +257,36 @@ def find_nests(
                 "nest_cells": int(shown.nests.sizes.sum()),
                 "largest_nest_cells": int(shown.nests.sizes.max(initial=0)),
                 "swarm": None if shown.tally is None else _swarm_summary(shown.tally, settings),
+                **more,
             }
-            if compare:
-                summary |= _comparison(found["swarm"], found["exact"], watch)
+            if animate:
+                with watch.step("animate"):
+                    from swathe.report import animation
+
+                    ticks = None if shown.tally is None else shown.tally.ticks
+                    searched = shown.inside(ground.region)
+                    names = ", ".join(source.names)
+                    animation.animate(folder, ground.region, params, searched, ticks=ticks, source=names)
             _write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
     return summary
 
 
-@dataclass(frozen=True, eq=False)
-class FoundNests:
-    """Nests with what finding them took."""
+def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: OnProgress | None = None) -> Ground:
+    """Read the whole map (or ``terrain.bounds``) and make a region of it, for pictures of it.
 
-    nests: nesting.Nests
-    cells_evaluated: int
-    tally: swarm.Tally | None
-    cores: int
-
-
-def _nests_by(
-    method: str, region: Region, settings: Settings, watch: Stopwatch, on_progress: OnProgress | None
-) -> FoundNests:
-    with watch.step(f"nests_{method}"):
-        if method == "swarm":
-            done = swarm.run_swarm(region, settings.swarm_params(), on_progress=on_progress)
-            return FoundNests(done.nests, done.tally.cells_evaluated, done.tally, done.tally.cores)
-        ranks = rank.rank_map(region)
-        nests = nesting.exact_nests(ranks.rank, rank_min=settings.rank.rank_min)
-        return FoundNests(nests, region.geometry.cell_count, None, _core_count(nests))
+    Raises:
+        SwatheError: the inputs cannot be used, or the user stopped.
+    """
+    watch = Stopwatch()
+    vehicle = load_vehicle(settings.vehicle)
+    with _open(terrain) as source:
+        window = bounded(source, terrain.bounds, terrain.points_crs)
+        return _prepare(source, terrain, window, vehicle, settings, is_whole=True, watch=watch, on_progress=on_progress)
 
 
-def _core_count(nests: nesting.Nests) -> int:
-    """Return the number of cells whose 3 x 3 cells all lie in nests: the cores of the exact nests."""
-    inside = np.pad(nests.labels > 0, 1)
-    rows, columns = nests.labels.shape
-    whole = np.ones((rows, columns), dtype=np.bool_)
-    for row in range(3):
-        for column in range(3):
-            whole &= inside[row : row + rows, column : column + columns]
-    return int(whole.sum())
-
-
-def _comparison(by_swarm: FoundNests, exact: FoundNests, watch: Stopwatch) -> dict[str, Any]:
-    """Return how much of the exact nests the swarm found, and what each took."""
-    ours, truth = by_swarm.nests.labels > 0, exact.nests.labels > 0
-    both = int((ours & truth).sum())
-    return {
-        "precision": both / int(ours.sum()) if ours.any() else 1.0,
-        "recall": both / int(truth.sum()) if truth.any() else 1.0,
-        "recall_cores": by_swarm.cores / exact.cores if exact.cores else 1.0,
-        "comparison": {
-            name: {
-                "nest_count": found.nests.count,
-                "cells_evaluated": found.cells_evaluated,
-                "seconds": watch.seconds[f"nests_{name}"],
-            }
-            for name, found in (("swarm", by_swarm), ("exact", exact))
-        },
-    }
+def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]:
+    """Return the part of a summary that every command shares."""
+    return _summary(command, ground, settings)
 
 
 def use_threads(threads: int | None) -> None:
@@ -572,7 +564,7 @@ def _write(
         run_pictures.draw(folder, region, frame, ranks.rank, outlines, plan=answer, summary=summary, metadata=tags)
     _tell(on_progress, "writing", 4, 5)
     names = sorted({entry.name for entry in folder.iterdir()} | {SUMMARY, "report.html"})
-    summary["outputs"] = {name.partition(".")[0]: name for name in names}
+    summary["outputs"] = {_output_key(name): name for name in names}
     summary["timings_s"] = {name: round(seconds, 4) for name, seconds in watch.seconds.items()}
     write_text(folder / SUMMARY, to_json(summary))
     from swathe.report.html import write_html
@@ -581,6 +573,11 @@ def _write(
     _tell(on_progress, "writing", 5, 5)
     # Callers get paths that they can open; the file holds names, so that the folder can be moved.
     summary["outputs"] = {name: str(out / path) for name, path in summary["outputs"].items()}
+
+
+def _output_key(name: str) -> str:
+    """Return the name of an output: that of its file without the ending, but for the two animations."""
+    return {"animation.gif": "animation_gif", "animation.html": "animation_html"}.get(name, name.partition(".")[0])
 
 
 def _tell(on_progress: OnProgress | None, stage: str, done: int, total: int) -> None:

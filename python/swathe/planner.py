@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -271,6 +271,48 @@ def plan(
         "certify": certify,
     }
     return _plan(_core.plan(region.core, request, map_continues, on_progress))
+
+
+@dataclass(frozen=True, slots=True)
+class LazySearch:
+    """What lazy A* found.
+
+    Attributes:
+        cells: the way from start to goal, None when there is none.
+        cost: its cost in seconds.
+        cells_evaluated: cells whose rank was asked for, each once.
+        cells_expanded: cells expanded.
+    """
+
+    cells: list[Cell] | None
+    cost: float | None
+    cells_evaluated: int
+    cells_expanded: int
+
+
+def lazy_astar(
+    region: Region,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    *,
+    nest: NestParams | None = None,
+    weight: float = 1.0,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> LazySearch:
+    """Find a cheapest way through the nests of the whole map, ranking cells only where it comes to expand them.
+
+    The honest peer of the swarm: with ``weight`` 1 the cost is the least there is, with weight w at most w times that.
+    ``start`` and ``goal`` are (row, column) of cells in nests; elsewhere there is no way.
+
+    Raises:
+        UsageError: a cell lies outside, or a parameter is outside its range.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    first, last = _cell(start, region.geometry.shape), _cell(goal, region.geometry.shape)
+    nest = nest or NestParams(rank_min=region.params.rank_min)
+    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, on_progress)
+    cells = None if found["cells"] is None else [Cell(*cell) for cell in found["cells"]]
+    return LazySearch(cells, found["cost"], found["cells_evaluated"], found["cells_expanded"])
 
 
 def _plan(found: dict[str, Any]) -> Plan:

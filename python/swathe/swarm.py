@@ -18,7 +18,7 @@ from swathe.grid import Window
 from swathe.nest import NestParams, Nests
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Sequence
     from concurrent.futures import Executor, Future
 
     from numpy.typing import NDArray
@@ -87,6 +87,47 @@ class Tally:
     connected_at: int | None
 
 
+class Transition(NamedTuple):
+    """A step of the swarm's flow charts: its chart (``swarm`` or ``nest``), the states, and when it is taken."""
+
+    chart: str
+    from_state: str
+    to_state: str
+    when: str
+
+
+def transitions() -> list[Transition]:
+    """Return every transition that agents and nests make; the core's tests hold the swarm against this table."""
+    return [Transition(*row) for row in _core.transitions()[0]]
+
+
+def state_texts() -> dict[str, str]:
+    """Return what each state of the flow charts says, in their order; questions end with a question mark."""
+    return dict(_core.transitions()[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A swarm at one tick, in blocks of ``step`` x ``step`` cells.
+
+    Attributes:
+        tally: what the swarm has done so far.
+        step: cells per side of a block.
+        seen: (rows, columns) uint8: 0 outside the swathe, 1 not looked at, 2 not suitable, 3 suitable; a block shows
+            the greatest of its cells.
+        pellets: (rows, columns) uint8, the most pellets on a cell of the block.
+        nests: (rows, columns) uint32, 0 or a name of the nest that changes only when nests merge.
+        agents: (agents, 2) uint32, row and column of the agents' blocks.
+    """
+
+    tally: Tally
+    step: int
+    seen: NDArray[np.uint8]
+    pellets: NDArray[np.uint8]
+    nests: NDArray[np.uint32]
+    agents: NDArray[np.uint32]
+
+
 @dataclass(frozen=True, eq=False)
 class Swarm:
     """The nests that a swarm has built and how far it came: ``finished``, ``ticks_spent`` or ``stopped``."""
@@ -103,10 +144,16 @@ def run_swarm(
     inside: NDArray[np.bool_] | None = None,
     ticks: int | None = None,
     on_progress: Callable[[str, int, int], bool] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    frame_every: int | Sequence[int] = 1,
+    frame_step: int = 1,
 ) -> Swarm:
     """Run a swarm over a region until it is finished, ``ticks`` are over or ``on_progress`` returns False.
 
     ``inside`` limits it to a mask of cells. A walk without teleport may never finish: give it ``ticks``.
+
+    ``on_frame`` is called with the first and the last state and every ``frame_every`` ticks (or at those ticks), in
+    blocks of ``frame_step`` cells. Watching changes nothing about the swarm.
 
     Raises:
         UsageError: a parameter is outside its range or the mask does not fit.
@@ -119,7 +166,13 @@ def run_swarm(
             "Give one value per cell.",
         )
     limit = _limit(ticks)
-    found = _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress)
+    every, at = (frame_every, []) if isinstance(frame_every, int) else (0, sorted(frame_every))
+    if frame_step < 1 or (isinstance(frame_every, int) and frame_every < 1) or min(at, default=0) < 0:
+        raise InvalidParameterError(
+            f"Frames every {frame_every} ticks in blocks of {frame_step} cells cannot be taken.", "Give 1 or more."
+        )
+    view = None if on_frame is None else (lambda found: on_frame(_frame(found)))
+    found = _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress, view, every, at, frame_step)
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
     return Swarm(nests, found["ending"], tally(found))
 
@@ -254,3 +307,7 @@ def tally(found: dict[str, Any]) -> Tally:
     """Return the tally out of the core's answer."""
     names = ("ticks", "visits", "cells_evaluated", "cores", "connected_at")
     return Tally(**{name: found[name] for name in names})
+
+
+def _frame(found: dict[str, Any]) -> Frame:
+    return Frame(tally(found), **{name: found[name] for name in ("step", "seen", "pellets", "nests", "agents")})

@@ -101,6 +101,7 @@ impl CoreError {
                 Class::Parameter("Mark closed cells with NaN or infinity instead.")
             }
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
+            Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }
@@ -307,6 +308,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             .into(),
         ),
         ("planner.neighbours", PlannerError::Neighbours { given: 5 }.into()),
+        ("planner.weight", PlannerError::Weight { weight: 0.5 }.into()),
         (
             "planner.not_a_place",
             PlannerError::NotAPlace {

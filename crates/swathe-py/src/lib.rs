@@ -27,7 +27,7 @@ mod _core {
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
-    use crate::planner::{plan, shortest_path};
+    use crate::planner::{lazy_astar, plan, shortest_path};
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
@@ -35,7 +35,7 @@ mod _core {
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
-    use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs};
+    use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs, transitions};
     #[pymodule_export]
     use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
     #[pymodule_export]

@@ -4,9 +4,9 @@ use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
-use swathe::planner::{Algorithm, Corners, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
+use swathe::planner::{Algorithm, Corners, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
 
-use crate::convert::{arc_kind, entry, geometry, method, position, swarm_params, values};
+use crate::convert::{arc_kind, entry, geometry, method, nest_params, position, swarm_params, values};
 use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
@@ -59,6 +59,49 @@ pub(crate) fn shortest_path<'py>(
         Search::Unreachable => Ok(None),
         Search::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
     }
+}
+
+/// Lazy A* through nests: a dictionary of `cells` and `cost` (None without a way), `cells_evaluated`, `cells_expanded`.
+#[pyfunction]
+#[pyo3(signature = (region, start, goal, nest, weight, report))]
+pub(crate) fn lazy_astar<'py>(
+    py: Python<'py>,
+    region: &Region,
+    start: (usize, usize),
+    goal: (usize, usize),
+    nest: &Bound<'py, PyDict>,
+    weight: f64,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
+    let nest = nest_params(nest)?;
+    let request = LazyRequest {
+        start,
+        goal,
+        nest,
+        weight,
+    };
+    let mut told = PythonReport::new(report);
+    let result = region.with(py, false, |terrain, ranker, vehicle, params| {
+        let mut tell = |done, total| told.tell("route", done, total);
+        let moisture = params.moisture_percent;
+        Ok(swathe::planner::lazy_astar(
+            terrain, ranker, vehicle, moisture, &request, &mut tell,
+        )?)
+    });
+    let answer = told.settle(result)?;
+    let found = PyDict::new(py);
+    let (cells, cost) = match answer.search {
+        Search::Found { cells, cost } => (Some(cells), Some(cost)),
+        Search::Unreachable => (None, None),
+        Search::Stopped => return Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+    };
+    let cells = cells.map(|cells| cells.iter().map(|cell| (cell.row, cell.column)).collect::<Vec<_>>());
+    found.set_item("cells", cells)?;
+    found.set_item("cost", cost)?;
+    found.set_item("cells_evaluated", answer.cells_evaluated)?;
+    found.set_item("cells_expanded", answer.cells_expanded)?;
+    Ok(found)
 }
 
 /// Plans a route; the answer is a dictionary that `swathe.planner` wraps.

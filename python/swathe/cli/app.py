@@ -258,7 +258,18 @@ def nests(
     vehicle: VehicleName = "pioneer-3at",
     method: Method = "swarm",
     profile: Profile = "metric",
-    compare: Annotated[bool, typer.Option("--compare", help="Run swarm and exact pass side by side.")] = False,
+    start: Annotated[
+        str | None, typer.Option("--start", help="LON,LAT; with --goal only the swathe is searched.")
+    ] = None,
+    goal: Annotated[str | None, typer.Option("--goal", help="LON,LAT of the other end of the swathe.")] = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="Run swarm, exact pass and, with --start and --goal, lazy A* side by side."),
+    ] = False,
+    seeds: Annotated[int, typer.Option("--seeds", help="Seeds that --compare runs, for 95 % intervals.")] = 1,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Add an animation of the swarm, as GIF and as HTML page.")
+    ] = False,
     cell_size: CellSize = None,
     height_range: HeightRange = None,
     crs: Crs = None,
@@ -290,9 +301,14 @@ def nests(
       swathe nests --dem dem.tif --soil soil.gpkg --vehicle tractor
 
       swathe nests --dem bundled:jacksboro --soil bundled:jacksboro --vehicle tractor --compare
+
+      swathe nests --dem dem.tif --start 10.03,51.52 --goal 10.12,51.58 --compare --seeds 20
+
+      swathe nests --dem bundled:jacksboro --vehicle tractor --animate
     """
     from swathe import mission
     from swathe.cli import say
+    from swathe.cli.compare import ends_of
 
     terrain = _terrain(
         dem=dem,
@@ -326,10 +342,84 @@ def nests(
     )
     with say.progress(quiet=quiet or json) as report:
         summary = mission.find_nests(
-            terrain, settings, out or Path("swathe-nests"), compare=compare, on_progress=report
+            terrain,
+            settings,
+            out or Path("swathe-nests"),
+            ends=ends_of(start, goal),
+            compare=compare,
+            seeds=seeds,
+            animate=animate,
+            on_progress=report,
         )
     say.result(summary, as_json=json)
     return 0
+
+
+@app.command()
+def figures(
+    *,
+    dem: Annotated[
+        list[str] | None,
+        typer.Option("--dem", help="Elevation, as with `swathe plan`. [default: bundled:jacksboro with its soil]"),
+    ] = None,
+    soil: Soil = None,
+    soil_field: SoilField = None,
+    soil_legend: SoilLegend = None,
+    start: Annotated[str | None, typer.Option("--start", help="LON,LAT where the global path begins.")] = None,
+    goal: Annotated[str | None, typer.Option("--goal", help="LON,LAT where it ends.")] = None,
+    vehicle: VehicleName = "tractor",
+    method: Method = "swarm",
+    profile: Profile = "metric",
+    cell_size: CellSize = None,
+    height_range: HeightRange = None,
+    crs: Crs = None,
+    points_crs: PointsCrs = None,
+    bounds: Bounds = None,
+    moisture: Moisture = "normal",
+    unknown_soil: UnknownSoil = "neutral",
+    seed: Seed = 0,
+    threads: Threads = None,
+    memory_limit: MemoryLimit = None,
+    out: Out = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """Draw the paper's figures: flow charts, height map, terrain, soil, grids, nests and global path.
+
+    Example:
+
+      swathe figures --out my-figures
+    """
+    from swathe.cli import figures as drawing
+    from swathe.cli.compare import ends_of
+
+    terrain = _terrain(
+        dem=dem or [],
+        soil=soil,
+        soil_field=soil_field,
+        soil_legend=soil_legend,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=points_crs,
+        bounds=bounds,
+        memory_limit=memory_limit,
+    )
+    settings = _settings(
+        vehicle=vehicle,
+        method=method,
+        profile=profile,
+        moisture=moisture,
+        unknown_soil=unknown_soil,
+        agents=None,
+        pellets=None,
+        seed=seed,
+        threads=threads,
+        weights=None,
+    )
+    ends = ends_of(start, goal)
+    return drawing.draw(terrain, settings, out or Path("swathe-figures"), ends=ends, as_json=json, quiet=quiet)
 
 
 @app.command()

@@ -18,6 +18,7 @@ _STAGES = {
     "regions": "Termites at work",
     "route": "Searching the route",
     "writing": "Writing maps and report",
+    "figures": "Drawing figures",
 }
 
 
@@ -105,6 +106,7 @@ def result(summary: dict[str, Any], *, as_json: bool) -> None:
 
 def in_words(summary: dict[str, Any]) -> list[str]:
     """Return a run's answer as lines for people."""
+    from swathe.cli import compare
     from swathe.report import wording
 
     lines = [wording.headline(summary) + "."]
@@ -127,7 +129,7 @@ def in_words(summary: dict[str, Any]) -> list[str]:
     if summary["command"] == "nests":
         share = summary["nest_cells"] / summary["cells_total"]
         lines.append(f"  {summary['nest_count']:,} nests cover {wording.percent(share)} of the map")
-        lines += _comparison(summary)
+        lines += compare.lines(summary)
     soil = summary.get("soil")
     if soil:
         lost = [entry["label"] or entry["value"] for entry in soil["entries"] if not entry["understood"]]
@@ -137,26 +139,6 @@ def in_words(summary: dict[str, Any]) -> list[str]:
     lines += [f"  note: {note}" for note in summary["notes"]]
     lines.append(f"  report: {summary['outputs']['report']}")
     return lines
-
-
-def _comparison(summary: dict[str, Any]) -> list[str]:
-    comparison = summary.get("comparison")
-    if not comparison:
-        return []
-    rows = [f"  {'':22}{'swarm':>14}{'exact':>14}"]
-    for name, key in (
-        ("nests", "nest_count"),
-        ("cells evaluated", "cells_evaluated"),
-        ("seconds", "seconds"),
-    ):
-        cells = [comparison[method][key] for method in ("swarm", "exact")]
-        shown = [f"{value:,.3f}" if isinstance(value, float) else f"{value:,}" for value in cells]
-        rows.append(f"  {name:22}{shown[0]:>14}{shown[1]:>14}")
-    rows.append(
-        f"  recall {summary['recall']:.4f}, recall of cores {summary['recall_cores']:.4f}, "
-        f"precision {summary['precision']:.4f}"
-    )
-    return rows
 
 
 def vehicles(name: str | None, *, as_json: bool) -> None:

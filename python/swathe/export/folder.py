@@ -17,8 +17,35 @@ if TYPE_CHECKING:
 
 SUMMARY = "summary.json"
 
+#: The pictures of ``swathe figures`` in the order in which a reader meets them.
+FIGURES = (
+    "swarm-flow.png",
+    "nest-flow.png",
+    "height-map.png",
+    "terrain-3d.png",
+    "soil.png",
+    "grid.png",
+    "overlapping-grids.png",
+    "nests.png",
+    "global-path.png",
+)
+
 #: Every file that a run may leave; a folder that holds anything else is not ours.
-OUR_FILES = frozenset({SUMMARY, "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"})
+OUR_FILES = frozenset(
+    {
+        SUMMARY,
+        "route.geojson",
+        "nests.geojson",
+        "rank.tif",
+        "map.png",
+        "profile.png",
+        "report.html",
+        "animation.gif",
+        "animation.html",
+        "index.html",
+        *FIGURES,
+    }
+)
 
 _STAGING = ".swathe-part-"
 

@@ -167,6 +167,11 @@ impl<'a> Ground<'a> {
             })
     }
 
+    /// The cells that the vehicle touches on a step, as steps from where it begins.
+    pub(super) fn swept(&self, step: usize) -> &[Step] {
+        &self.templates[step].swept
+    }
+
     fn is_open(&self, cell: Cell) -> bool {
         self.headings[cell] != 0
     }

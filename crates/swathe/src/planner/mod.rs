@@ -4,6 +4,7 @@ mod answer;
 mod cells;
 mod ground;
 mod guided;
+mod lazy_astar;
 mod plan;
 mod radix_heap;
 mod refusal;
@@ -23,6 +24,7 @@ use crate::swarm::SwarmError;
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use plan::plan;
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};
@@ -64,6 +66,12 @@ pub enum PlannerError {
     Neighbours {
         /// The number given.
         given: u32,
+    },
+    /// A weight of the bound that no search has.
+    #[error("A weight of {weight} for the bound is not usable: 1 to 1000 is allowed.")]
+    Weight {
+        /// The value given.
+        weight: f64,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]

@@ -3,7 +3,7 @@
 use crate::grid::{Cell, EIGHT, GridGeometry};
 use crate::random::{below, philox, unit};
 
-use super::{Explore, SwarmParams};
+use super::{Explore, State, SwarmParams};
 
 /// Tries to find a cell inside the swathe before an agent stays where it is.
 const DEPLOYMENT_TRIES: u32 = 64;
@@ -37,6 +37,21 @@ pub(super) struct Field<'a, Inside, Pellets> {
     pub params: &'a SwarmParams,
     pub inside: Inside,
     pub pellets: Pellets,
+}
+
+impl SwarmParams {
+    /// How an agent comes to its cell in a tick: deployed anew, or on foot.
+    pub(super) fn arrival(&self, agent: u32, tick: u64) -> State {
+        let walks = || {
+            let draw = philox([agent, tick as u32, (tick >> 32) as u32, 0], self.seed);
+            unit(draw[0]) >= self.teleport
+        };
+        if self.explore == Explore::Walk && tick > 0 && walks() {
+            State::Forage
+        } else {
+            State::Deploy
+        }
+    }
 }
 
 impl<Inside: Fn(usize) -> bool, Pellets: Fn(usize) -> u8> Field<'_, Inside, Pellets> {

@@ -1,8 +1,10 @@
 //! The colony: all agents, the cells they know, and the nests they have built.
 
 mod changes;
+mod frame;
 mod guided;
 mod tick;
+mod trace;
 
 use crate::grid::{Cell, GridGeometry, Layer, Step};
 use crate::nest::{NestError, Nests, UnionFind};
@@ -10,7 +12,9 @@ use crate::progress::Report;
 use crate::rank::CellSource;
 
 use super::agents::Extent;
-use super::{SwarmError, SwarmParams};
+use super::{State, SwarmError, SwarmParams};
+
+pub use frame::{Frame, FrameTicks, Seen};
 
 pub use changes::Changes;
 
@@ -76,6 +80,7 @@ pub struct Colony<Source: CellSource> {
     epoch_start: u64,
     watched: Option<(usize, usize)>,
     tally: Tally,
+    trace: trace::Trace,
 }
 
 impl<Source: CellSource> Colony<Source> {
@@ -120,6 +125,7 @@ impl<Source: CellSource> Colony<Source> {
             epoch_start: 0,
             watched: None,
             tally: Tally::default(),
+            trace: trace::Trace::default(),
         };
         colony.widen(inside)?;
         let first = colony
@@ -210,6 +216,7 @@ impl<Source: CellSource> Colony<Source> {
             // A swarm that is soon finished foresees little in vain.
             ahead = (2 * ahead).min(TICKS_PER_REPORT);
         }
+        self.trace.finish();
         Ending::Finished
     }
 

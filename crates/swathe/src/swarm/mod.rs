@@ -8,14 +8,16 @@
 mod agents;
 mod colony;
 mod tiles;
+mod transitions;
 
 use thiserror::Error;
 
 use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
-pub use colony::{Changes, Colony, Ending, Tally};
+pub use colony::{Changes, Colony, Ending, Frame, FrameTicks, Seen, Tally};
 pub use tiles::{TileJob, TileResult, Window, merge_tiles, tile_jobs};
+pub use transitions::{Chart, State, TRANSITIONS, Transition};
 
 /// Most agents of a swarm.
 pub const MOST_AGENTS: u32 = 1_000_000;

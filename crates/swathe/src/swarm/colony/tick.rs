@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use crate::grid::{Cell, EIGHT, FOUR, Step};
 use crate::nest::Contact;
 use crate::rank::{CellRank, CellSource};
-use crate::swarm::Explore;
 use crate::swarm::agents::Field;
+use crate::swarm::{Explore, State};
 
 use super::{Colony, GROUND, flag};
 
@@ -100,6 +100,7 @@ impl<Source: CellSource> Colony<Source> {
 
     /// One synchronous tick, given where each agent goes: look, drop, build.
     pub(super) fn tick(&mut self, visits: impl Iterator<Item = u32> + Clone) {
+        let since_start = self.tally.ticks - self.epoch_start;
         self.tally.ticks += 1;
         let mut unseen = Vec::new();
         for cell in visits.clone().filter(|&cell| cell != NOWHERE) {
@@ -108,6 +109,8 @@ impl<Source: CellSource> Colony<Source> {
         self.look(&unseen);
         let mut full = Vec::new();
         for (agent, cell) in visits.enumerate() {
+            let arrival = (cell != NOWHERE).then(|| self.params.arrival(agent as u32, since_start));
+            self.trace.arrive(since_start, arrival);
             if cell == NOWHERE {
                 continue;
             }
@@ -115,12 +118,17 @@ impl<Source: CellSource> Colony<Source> {
             self.agents[agent] = cell;
             let index = cell as usize;
             let pellets = &mut self.pellets[index];
-            if self.flags[index] & flag::SUITABLE > 0 && *pellets < self.params.pellet_max {
+            let suitable = self.flags[index] & flag::SUITABLE > 0;
+            self.trace.enter_if(suitable, State::Count);
+            if suitable && *pellets < self.params.pellet_max {
                 *pellets += 1;
+                self.trace.enter(State::Drop);
                 if *pellets == self.params.pellet_max {
                     full.push(self.geometry.cell(index));
+                    self.trace.enter(State::Build);
                 }
             }
+            self.trace.enter(State::Forage);
         }
         self.build(full);
         self.note_connection();
@@ -178,13 +186,21 @@ impl<Source: CellSource> Colony<Source> {
     /// that turns out unsuitable spares those around it the rest.
     pub(super) fn build(&mut self, mut full: Vec<Cell>) {
         let mut unseen = Vec::new();
+        for &cell in &full {
+            self.trace.enter_at(cell, State::Build);
+        }
         for step in 0..self.vicinity.len() {
-            full.retain(|&cell| self.flags[self.geometry.index(cell)] & (flag::DEAD | flag::CORE) == 0);
+            full.retain(|&cell| {
+                let flags = self.flags[self.geometry.index(cell)];
+                self.trace.leave_if(flags, cell);
+                flags & (flag::DEAD | flag::CORE) == 0
+            });
             if full.is_empty() {
                 return;
             }
             unseen.clear();
             for &cell in &full {
+                self.trace.enter_at(cell, State::Examine);
                 if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
                     self.claim(self.geometry.index(near), &mut unseen);
                 }
@@ -193,11 +209,15 @@ impl<Source: CellSource> Colony<Source> {
         }
         for cell in full {
             let index = self.geometry.index(cell);
-            if self.flags[index] & (flag::DEAD | flag::CORE) == 0 {
+            let flags = self.flags[index];
+            self.trace.leave_if(flags, cell);
+            if flags & (flag::DEAD | flag::CORE) == 0 {
+                self.trace.take_up(cell, State::Core);
                 self.flags[index] |= flag::CORE;
                 self.open -= 1;
                 self.tally.cores += 1;
                 self.settle(cell);
+                self.trace.enter(State::Forage);
             }
         }
     }
@@ -209,8 +229,11 @@ impl<Source: CellSource> Colony<Source> {
             if let Some(near) = self.vicinity[step].from(&self.geometry, core) {
                 let near_index = self.geometry.index(near);
                 if self.flags[near_index] & flag::INSIDE > 0 {
+                    self.trace.enter(State::Join);
                     if self.params.nest.contact == Contact::Overlap {
-                        self.sets.union(index as u32, near_index as u32);
+                        let joined = self.sets.union(index as u32, near_index as u32);
+                        let nest = self.flags[near_index] & flag::NEST > 0;
+                        self.trace.enter_if(joined && nest, State::Merge);
                     }
                     self.join(near);
                 }
@@ -234,7 +257,8 @@ impl<Source: CellSource> Colony<Source> {
             if let Some(near) = step.from(&self.geometry, cell) {
                 let near = self.geometry.index(near);
                 if self.flags[near] & flag::NEST > 0 {
-                    self.sets.union(index as u32, near as u32);
+                    let joined = self.sets.union(index as u32, near as u32);
+                    self.trace.enter_if(joined, State::Merge);
                 }
             }
         }
