@@ -194,7 +194,10 @@ def find(
         answer = planner.plan(region, *ends, method=method, swarm=params, corridor=corridor, on_progress=on_progress)
         if answer.nests is None:
             raise InvalidParameterError(answer.reason or "There are no nests.", answer.remedy or "")
-        return FoundNests(answer.nests, answer.cells_evaluated, answer.swarm, answer.corridor), answer
+        # A guided swarm has no swathe to be complete in: what it found is measured against the whole map.
+        guided = method == "swarm" and corridor.arc == "relaid" and corridor.width_m is None
+        swathe = None if guided else answer.corridor
+        return FoundNests(answer.nests, answer.cells_evaluated, answer.swarm, swathe), answer
     if method == "swarm":
         done = swarm.run_swarm(region, params, on_progress=on_progress)
         return FoundNests(done.nests, done.tally.cells_evaluated, done.tally), None
