@@ -47,6 +47,8 @@ def draw(
     if plan is not None:
         ends = [(summary[name]["x_m"], summary[name]["y_m"]) for name in ("start", "goal")]
     swathe = None if corridor is None else corridor.cells(region.geometry)
+    # A guided swarm was not kept inside a swathe: the map is shown as it is.
+    is_guided = (summary.get("corridor") or {}).get("arc") == "relaid"
     view = _view(region.geometry, swathe)
     shown = (slice(view.row, view.row + view.rows), slice(view.column, view.column + view.columns))
     picture = MapPicture(
@@ -54,7 +56,7 @@ def draw(
         elevation_m=region.elevation_m[shown],
         rank=ranks[shown],
         nest_rings=[ring for outline in outlines for ring in (outline.exterior, *outline.holes)],
-        swathe=None if swathe is None else swathe[shown],
+        swathe=None if swathe is None or is_guided else swathe[shown],
         arc_xy_m=None if corridor is None else corridor.arc_xy_m,
         route_xy_m=None if plan is None or plan.route is None else plan.route.xy_m,
         start_xy_m=ends[0],
