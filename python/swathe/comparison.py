@@ -51,7 +51,7 @@ class Measured:
         nest_count: nests found.
         cells_evaluated: cells whose rank was asked for.
         recall: share of the exact nests' cells that were found (of the swathe's, where there is one).
-        recall_cores: the same for cores.
+        recall_cores: the same for cores, found when their whole vicinity was.
         precision: share of the cells found that lie in exact nests of the whole map.
         visits: visits of agents to cells.
         ticks: ticks of the swarm.
@@ -98,17 +98,18 @@ class Comparison:
     exact: FoundNests
 
     def as_dict(self) -> dict[str, Any]:
-        """Return means, 95 % intervals and the first seed's recall and precision as plain values for JSON."""
+        """Return means, medians, 95 % intervals and the first seed's recall and precision as plain values for JSON."""
         methods: dict[str, Any] = {}
         for name, runs in self.measured.items():
-            means, intervals = {}, {}
+            means, medians, intervals = {}, {}, {}
             for figure in asdict(runs[0]):
                 values = [value for run in runs if (value := getattr(run, figure)) is not None]
                 means[figure] = None if len(values) < len(runs) else _mean(values)
+                medians[figure] = None if means[figure] is None else float(np.median(values))
                 interval = student_interval(values)
                 if means[figure] is not None and interval is not None:
                     intervals[figure] = list(interval)
-            methods[name] = {**means, "interval_95": intervals}
+            methods[name] = {**means, "median": medians, "interval_95": intervals}
         first = self.measured["swarm"][0]
         return {
             "precision": first.precision,
@@ -226,8 +227,8 @@ def student_quantile(degrees: int) -> float:
     return z + first / degrees + second / degrees**2 + third / degrees**3
 
 
-def core_count(nests: Nests, params: SwarmParams) -> int:
-    """Return the number of cores of exact nests: the cells whose whole vicinity lies in nests."""
+def cores(nests: Nests, params: SwarmParams) -> NDArray[np.bool_]:
+    """Return the cores of nests as a mask: the cells whose whole vicinity lies in nests."""
     inside = nests.labels > 0
     reach, offsets = _vicinity(params.nest.vicinity)
     padded = np.pad(inside, reach, constant_values=params.nest.border == "suitable")
@@ -235,7 +236,7 @@ def core_count(nests: Nests, params: SwarmParams) -> int:
     whole = np.ones(inside.shape, dtype=np.bool_)
     for row, column in offsets:
         whole &= padded[reach + row : reach + row + rows, reach + column : reach + column + columns]
-    return int(whole.sum())
+    return whole
 
 
 def _vicinity(name: str) -> tuple[int, list[tuple[int, int]]]:
@@ -287,14 +288,15 @@ def _measured(
     seconds: float,
 ) -> Measured:
     found, wanted = ours.nests.labels > 0, truth.labels > 0
-    cores = core_count(truth, params)
+    wanted_cores = cores(truth, params)
+    found_cores = wanted_cores & cores(ours.nests, params)
     tally = ours.tally
     cost = None if plan is None else plan.path_cost
     return Measured(
         nest_count=ours.nests.count,
         cells_evaluated=ours.cells_evaluated,
         recall=_share(int((found & wanted).sum()), int(wanted.sum())),
-        recall_cores=None if tally is None else _share(tally.cores, cores),
+        recall_cores=_share(int(found_cores.sum()), int(wanted_cores.sum())),
         precision=_share(int((found & (whole.labels > 0)).sum()), int(found.sum())),
         visits=None if tally is None else tally.visits,
         ticks=None if tally is None else tally.ticks,

@@ -36,6 +36,7 @@ _WORDS = {
     "soil.png": "The soil's categories.",
     "grid.png": "The grid: terrain cells with their ranks, in a part of the map.",
     "overlapping-grids.png": "Two overlapping grids of navigation cells, a quarter of a cell apart.",
+    "grid-gain.png": "What overlapping grids gain: how often they find a gap of one to two navigation cells.",
     "nests.png": "Ranked cells with the nests outlined.",
     "global-path.png": "The global path through the nests.",
 }
@@ -78,6 +79,7 @@ def _draw(
 ) -> list[str]:
     """Draw what the ground allows and return the names in order."""
     from swathe.report import paper_figures
+    from swathe.report.figures_grids import draw_gap_gain
     from swathe.report.flow_chart import draw_flow_chart
     from swathe.report.map import MapPicture, draw_map
 
@@ -113,6 +115,7 @@ def _draw(
     across = max(2, round(paper_figures.NAVIGATION_CELLS_ACROSS * cell_m / geometry.cell_size_m))
     window = paper_figures.mixed_window(suitable, max(2, round(across * 0.8)), across)
     paper_figures.draw_overlapping_grids(tell("overlapping-grids.png"), suitable, geometry, window, tags, cell_m=cell_m)
+    draw_gap_gain(tell("grid-gain.png"), seed=settings.seed, metadata=tags)
     nests = nesting.exact_nests(ranks, rank_min=params.nest.rank_min)
     subtitle = f"{region.vehicle.name}, {geometry.rows} x {geometry.columns} cells of {geometry.cell_size_m:g} m"
     picture = MapPicture(

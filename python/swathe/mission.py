@@ -263,7 +263,8 @@ def find_nests(
                 with watch.step("animate"):
                     from swathe.report import animation
 
-                    ticks = None if shown.tally is None else shown.tally.ticks
+                    # With two ends the planner has sent the agents; here they search its swathe by themselves.
+                    ticks = None if shown.tally is None or places else shown.tally.ticks
                     searched = shown.inside(ground.region)
                     names = ", ".join(source.names)
                     animation.animate(folder, ground.region, params, searched, ticks=ticks, source=names)

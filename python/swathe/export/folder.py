@@ -26,6 +26,7 @@ FIGURES = (
     "soil.png",
     "grid.png",
     "overlapping-grids.png",
+    "grid-gain.png",
     "nests.png",
     "global-path.png",
 )
