@@ -163,6 +163,7 @@ def any_angle_path(
         return NoRoute("no_route", _SEPARATED)
     way, cost = found
     points = np.asarray(way, dtype=np.float64)
+    points[0], points[-1] = first, last  # without the rounding of metres
     steps = np.diff(points, axis=0)
     return AnyAnglePath(points, cost, float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m))
 
@@ -365,8 +366,8 @@ def plan(
         method: ``swarm`` in a swathe around an arc, or ``exact`` over the whole map.
         swarm: the swarm's parameters; its nest parameters hold for ``exact`` too.
         corridor: arc and width of the swathe.
-        path: what the route is made of. ``grid8``: steps to 8 neighbours as they are; ``grid16``: steps to 16 neighbours,
-            then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
+        path: what the route is made of. ``grid8``: steps to 8 neighbours as they are; ``grid16``: steps to 16
+            neighbours, then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
         map_continues: whether there is more map beyond the region, which limits what can be certified.
