@@ -2,6 +2,7 @@
 
 mod answer;
 mod cells;
+mod clearance;
 mod ground;
 mod guided;
 mod lazy_astar;
@@ -23,7 +24,7 @@ use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
-pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use plan::plan;
 pub use refusal::{Refusal, Status};
@@ -72,6 +73,28 @@ pub enum PlannerError {
     Weight {
         /// The value given.
         weight: f64,
+    },
+    /// An objective that no way can be measured by.
+    #[error("The objective's {name} of {given} is not usable: {allowed}.")]
+    Objective {
+        /// What of it.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A user's cost factor below zero.
+    #[error(
+        "The cost factor {factor} at cell ({row}, {column}) is negative: factors must be at least 0, NaN or infinite where closed."
+    )]
+    NegativeFactor {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// Its factor.
+        factor: f32,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]
