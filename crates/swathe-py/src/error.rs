@@ -97,16 +97,13 @@ impl CoreError {
             Self::Nest(error)
             | Self::Swarm(SwarmError::Nest(error))
             | Self::Planner(PlannerError::Nest(error) | PlannerError::Swarm(SwarmError::Nest(error))) => of_nest(error),
-            Self::Planner(PlannerError::NegativeCost { .. }) => {
+            Self::Planner(PlannerError::NegativeCost { .. } | PlannerError::NegativeFactor { .. }) => {
                 Class::Parameter("Mark closed cells with NaN or infinity instead.")
             }
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
             Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
             Self::Planner(PlannerError::Objective { .. }) => {
                 Class::Parameter("Give time, energy, risk or weights such as time=1,energy=0.5.")
-            }
-            Self::Planner(PlannerError::NegativeFactor { .. }) => {
-                Class::Parameter("Mark closed cells with NaN or infinity instead.")
             }
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Stopped) => Class::Stopped,

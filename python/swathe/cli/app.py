@@ -14,6 +14,7 @@ from swathe.cli.options import (
     Bounds,
     CellSize,
     Combine,
+    CostRaster,
     Crs,
     Debug,
     Dem,
@@ -23,6 +24,7 @@ from swathe.cli.options import (
     MemoryLimit,
     Method,
     Moisture,
+    Objective,
     Out,
     PaperGrade,
     Pellets,
@@ -115,6 +117,8 @@ def plan(
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
+    objective: Objective = "time",
+    cost_raster: CostRaster = None,
     bridge: Annotated[
         bool, typer.Option("--bridge", help="Allow suitable ground outside nests when nothing else connects.")
     ] = False,
@@ -160,6 +164,7 @@ def plan(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        cost_raster=cost_raster,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -174,6 +179,7 @@ def plan(
         arc=arc,
         sagitta=sagitta,
         width=width,
+        objective=objective,
         bridge=bridge,
         certify=certify,
         soil_table=soil_table,
