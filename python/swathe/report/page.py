@@ -208,6 +208,7 @@ def _legs(legs: Sequence[dict[str, Any]]) -> str:
         ("Speed", "right"),
         ("Time", "right"),
         ("Energy", "right"),
+        ("Risk", "right"),
         ("Why", "wide"),
     ]
     rows = [
@@ -221,6 +222,7 @@ def _legs(legs: Sequence[dict[str, Any]]) -> str:
             _text(wording.speed(leg.get("speed_mps"))),
             _text(wording.duration(leg.get("time_s"))),
             _text(wording.energy(leg.get("energy_j"))),
+            _text(wording.duration(leg.get("risk_s"))),
             _text(leg.get("reason") or ""),
         )
         for place, leg in enumerate(legs[:_MOST_LEGS], 1)
