@@ -14,6 +14,7 @@ from swathe.cli.options import (
     Bounds,
     CellSize,
     Combine,
+    CostRaster,
     Crs,
     Debug,
     Dem,
@@ -23,6 +24,7 @@ from swathe.cli.options import (
     MemoryLimit,
     Method,
     Moisture,
+    Objective,
     Out,
     PaperGrade,
     PathOption,
@@ -117,6 +119,8 @@ def plan(
     sagitta: Sagitta = None,
     width: Width = None,
     path: PathOption = "grid16",
+    objective: Objective = "time",
+    cost_raster: CostRaster = None,
     bridge: Annotated[
         bool, typer.Option("--bridge", help="Allow suitable ground outside nests when nothing else connects.")
     ] = False,
@@ -162,6 +166,7 @@ def plan(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        cost_raster=cost_raster,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -177,6 +182,7 @@ def plan(
         sagitta=sagitta,
         width=width,
         path=path,
+        objective=objective,
         bridge=bridge,
         certify=certify,
         soil_table=soil_table,

@@ -3,6 +3,7 @@
 mod answer;
 mod any_angle;
 mod cells;
+mod clearance;
 mod cost_segments;
 mod eikonal;
 mod ground;
@@ -31,7 +32,7 @@ pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
 pub use eikonal::eikonal_field;
-pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use path_kind::PathKind;
 pub use plan::plan;
@@ -81,6 +82,28 @@ pub enum PlannerError {
     Weight {
         /// The value given.
         weight: f64,
+    },
+    /// An objective that no way can be measured by.
+    #[error("The objective's {name} of {given} is not usable: {allowed}.")]
+    Objective {
+        /// What of it.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A user's cost factor below zero.
+    #[error(
+        "The cost factor {factor} at cell ({row}, {column}) is negative: factors must be at least 0, NaN or infinite where closed."
+    )]
+    NegativeFactor {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// Its factor.
+        factor: f32,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]
