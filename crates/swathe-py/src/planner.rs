@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
 use swathe::planner::{Algorithm, Corners, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
+use swathe::swarm::Budget;
 
 use crate::convert::{arc_kind, entry, geometry, method, nest_params, position, swarm_params, values};
 use crate::error::{CoreError, invalid};
@@ -123,6 +124,8 @@ pub(crate) fn plan<'py>(
         width_m: entry(request, "width_m")?,
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
+        stop: None,
+        budget: Budget::default(),
     };
     let mut told = PythonReport::new(report);
     let result = region.with(py, map_continues, |terrain, ranker, vehicle, params| {

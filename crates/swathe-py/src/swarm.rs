@@ -130,6 +130,9 @@ pub(crate) fn run_swarm<'py>(
 fn word(ending: Ending) -> &'static str {
     match ending {
         Ending::Finished => "finished",
+        Ending::Connected => "connected",
+        Ending::Statistical => "statistical",
+        Ending::EvaluationsSpent => "evaluations_spent",
         Ending::TicksSpent => "ticks_spent",
         Ending::Stopped => "stopped",
     }

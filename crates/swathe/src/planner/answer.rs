@@ -3,11 +3,12 @@
 use crate::corridor::{ArcKind, Corridor};
 use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
-use crate::swarm::{SwarmParams, Tally};
+use crate::swarm::{Budget, StopRule, SwarmParams, Tally};
 
 use super::SegmentFacts;
 use super::refusal::Refusal;
 use super::route::Route;
+use super::stop::StopReport;
 
 /// Which way regions are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +63,11 @@ pub struct PlanRequest {
     pub bridge: bool,
     /// Whether the swathe is widened until the route is known to be the best of the whole map.
     pub certify: bool,
+    /// When the swarm stops; where not given, when the route is good enough for the arc that is laid anew, and when the
+    /// swathe is finished for the others and for a certificate.
+    pub stop: Option<StopRule>,
+    /// What the swarm may spend; the cells of the coarse map behind [`ArcKind::Spine`] count.
+    pub budget: Budget,
 }
 
 /// What the swarm did.
@@ -98,6 +104,8 @@ pub struct Plan {
     pub swarm: Option<SwarmReport>,
     /// Cells whose rank was asked for, those of the coarse map included.
     pub cells_evaluated: u64,
+    /// How the swarm's search ended (swarm only).
+    pub stopped: Option<StopReport>,
 }
 
 impl Plan {
@@ -117,6 +125,7 @@ impl Plan {
             corridor: None,
             swarm: None,
             cells_evaluated: 0,
+            stopped: None,
         }
     }
 

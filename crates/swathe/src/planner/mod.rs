@@ -12,6 +12,9 @@ mod route;
 mod search;
 mod smooth;
 mod spine;
+mod stop;
+mod swathe;
+mod watch;
 
 use thiserror::Error;
 
@@ -25,11 +28,13 @@ pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Ter
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
-pub use plan::plan;
+pub use plan::{plan, plan_watched};
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};
 pub use search::{Search, StepGraph, cost_field, search};
 pub use smooth::shorten;
+pub use stop::{StopReport, StoppedBy};
+pub use watch::{ArcFrame, Film, Watch};
 
 /// What can be wrong with a planner request. "No route" is not an error but a [`Refusal`].
 #[derive(Clone, Debug, Error, PartialEq)]

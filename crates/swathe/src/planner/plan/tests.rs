@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::soil::SoilClass;
-use crate::swarm::SwarmParams;
+use crate::swarm::{Budget, SwarmParams};
 use crate::vehicle::fixtures::pioneer;
 use proptest::prelude::*;
 
 /// A world as text, 10 m cells: '.' level ground, a digit a height in 40 m, '~' water, '?' unknown elevation.
-fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
+pub(super) fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 10.0, 0.0, 0.0).unwrap();
     let bytes: Vec<u8> = rows.iter().flat_map(|row| row.bytes()).collect();
     let heights = bytes.iter().map(|byte| match byte {
@@ -29,7 +29,7 @@ fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     )
 }
 
-fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
+pub(super) fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
     PlanRequest {
         start: geometry.centre(Cell::new(start.0, start.1)),
         goal: geometry.centre(Cell::new(goal.0, goal.1)),
@@ -42,10 +42,12 @@ fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) 
         width_m: None,
         bridge: false,
         certify: false,
+        stop: None,
+        budget: Budget::default(),
     }
 }
 
-fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
+pub(super) fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
     let (elevation, soil) = layers;
     let vehicle = pioneer();
     let params = RankParams::default();
@@ -58,7 +60,7 @@ fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
     plan(terrain, &ranker, &vehicle, &params, request, &mut |_, _, _| true).unwrap()
 }
 
-const LAKE: [&str; 12] = [
+pub(super) const LAKE: [&str; 12] = [
     "....................",
     "....................",
     "....................",
@@ -73,7 +75,7 @@ const LAKE: [&str; 12] = [
     "........~~..........",
 ];
 
-const RIVER: [&str; 6] = [
+pub(super) const RIVER: [&str; 6] = [
     "........~~..........",
     "........~~..........",
     "........~~..........",
