@@ -4,15 +4,17 @@ use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
-use swathe::planner::{Algorithm, Corners, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
-use swathe::swarm::Budget;
+use swathe::planner::{
+    Algorithm, ArcFrame, Corners, Film, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status, Watch,
+};
 
 use crate::convert::{arc_kind, entry, geometry, method, nest_params, position, swarm_params, values};
 use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
-use crate::swarm::tally_dict;
+use crate::stop::stop_params;
+use crate::swarm::{frame_dict, tally_dict};
 
 type Places = Option<(Vec<(usize, usize)>, f64)>;
 
@@ -115,6 +117,9 @@ pub(crate) fn plan<'py>(
     map_continues: bool,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let (stop, budget, deadline) = stop_params(request)?;
+    let most_frames: usize = entry(request, "frames")?;
+    let mut film = Film::new(most_frames, entry(request, "frame_step")?);
     let request = PlanRequest {
         start: position(entry(request, "start")?),
         goal: position(entry(request, "goal")?),
@@ -124,8 +129,8 @@ pub(crate) fn plan<'py>(
         width_m: entry(request, "width_m")?,
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
-        stop: None,
-        budget: Budget::default(),
+        stop,
+        budget,
     };
     let mut told = PythonReport::new(report);
     let result = region.with(py, map_continues, |terrain, ranker, vehicle, params| {
@@ -137,10 +142,25 @@ pub(crate) fn plan<'py>(
             };
             told.tell(stage, done, total)
         };
-        let plan = swathe::planner::plan(terrain, ranker, vehicle, params, &request, &mut tell)?;
+        let mut is_over = || deadline.is_over();
+        let film = (most_frames > 0).then_some(&mut film);
+        let mut watch = Watch::new(&mut tell, &mut is_over, film);
+        let plan = swathe::planner::plan_watched(terrain, ranker, vehicle, params, &request, &mut watch)?;
         Ok(plan)
     });
-    answer(py, told.settle(result)?)
+    let found = answer(py, told.settle(result)?)?;
+    let frames: PyResult<Vec<_>> = film.frames().into_iter().map(|frame| arc_frame(py, frame)).collect();
+    found.set_item("frames", PyList::new(py, frames?)?)?;
+    Ok(found)
+}
+
+fn arc_frame(py: Python<'_>, frame: ArcFrame) -> PyResult<Bound<'_, PyDict>> {
+    let found = frame_dict(py, frame.swarm)?;
+    let arc: Vec<(f64, f64)> = frame.arc.iter().map(|p| (p.x_m, p.y_m)).collect();
+    found.set_item("arc", arc)?;
+    found.set_item("width_m", frame.width_m)?;
+    found.set_item("is_route", frame.is_route)?;
+    Ok(found)
 }
 
 fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
@@ -176,6 +196,12 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
     if let Some(swarm) = plan.swarm {
         found.set_item("swarm", tally_dict(py, swarm.tally)?)?;
         found.set_item("widened", swarm.widened)?;
+    }
+    if let Some(stopped) = plan.stopped {
+        found.set_item(
+            "stopped",
+            (stopped.by.name(), stopped.unknown_cells, stopped.swathe_cells),
+        )?;
     }
     if let Some(corridor) = plan.corridor {
         let arc: Vec<(f64, f64)> = corridor.arc().iter().copied().map(place).collect();
