@@ -81,7 +81,7 @@ def stop_summary(stopped: swarm.Stopped | None, settings: Settings, *, has_ends:
         bound = {
             "open_share": stop.open_share,
             "confidence": 1 - stop.doubt,
-            "quiet_visits": stop.quiet_visits,
+            "quiet_visits": stopped.quiet_visits,
             "holds": stopped.by in ("statistical", "finished"),
         }
     return {
@@ -120,10 +120,10 @@ def stop_notes(stopped: swarm.Stopped | None, settings: Settings) -> list[str]:
         )
     elif stopped.by == "connected":
         notes.append(f"Stopped as soon as start and goal were connected: {unseen}. A better route may exist.")
-    elif stopped.by == "statistical":
+    elif stopped.by == "statistical" and stopped.quiet_visits is not None:
         notes.append(
-            f"Stopped by the statistical rule: {stop.quiet_visits:,} random visits in a row met nothing new, so at "
-            f"most {stop.open_share:.2%} of the swathe's cells are suitable and not yet marked (confidence "
+            f"Stopped by the statistical rule: {stopped.quiet_visits:,} random visits in a row met nothing new, so at "
+            f"most {stop.open_share:.2%} of the cells searched are suitable and not yet marked (confidence "
             f"{1 - stop.doubt:.0%}); {unseen}."
         )
     if stop.max_seconds is not None:

@@ -6,7 +6,6 @@ which it agrees cell for cell once it is finished. At every earlier time its nes
 
 from __future__ import annotations
 
-import math
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -110,11 +109,6 @@ class StopParams:
         if self.max_seconds is not None and not self.max_seconds >= 0:
             raise InvalidParameterError(f"A budget of {self.max_seconds} seconds cannot be kept.", "Give 0 or more.")
 
-    @property
-    def quiet_visits(self) -> int:
-        """Random visits in a row without news that end a swarm by the statistical rule."""
-        return math.ceil(-math.log(self.doubt) / self.open_share)
-
     def after(self, spent: Tally, seconds: float) -> StopParams:
         """Return the same with what is left of the budgets."""
 
@@ -138,11 +132,13 @@ class Stopped:
             or ``stopped``.
         unknown_cells: cells of the swathe that nobody has looked at.
         swathe_cells: cells of the swathe, which is the one around the route that was found, or all that was searched.
+        quiet_visits: random visits in a row without news that end the search, where the rule is the statistical one.
     """
 
     by: str
     unknown_cells: int
     swathe_cells: int
+    quiet_visits: int | None = None
 
     @property
     def unknown_share(self) -> float:
@@ -276,7 +272,9 @@ def run_swarm(
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
     cells = region.geometry.cell_count if mask is None else int(mask.sum())
     by = _BUDGETS.get(found["ending"], found["ending"])
-    return Swarm(nests, found["ending"], tally(found), Stopped(by, found["unknown_cells"], cells))
+    return Swarm(
+        nests, found["ending"], tally(found), Stopped(by, found["unknown_cells"], cells, found["quiet_visits"])
+    )
 
 
 _BUDGETS = {

@@ -200,7 +200,12 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
     if let Some(stopped) = plan.stopped {
         found.set_item(
             "stopped",
-            (stopped.by.name(), stopped.unknown_cells, stopped.swathe_cells),
+            (
+                stopped.by.name(),
+                stopped.unknown_cells,
+                stopped.swathe_cells,
+                stopped.quiet_visits,
+            ),
         )?;
     }
     if let Some(corridor) = plan.corridor {

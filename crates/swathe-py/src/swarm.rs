@@ -129,18 +129,20 @@ pub(crate) fn run_swarm<'py>(
             .cells()
             .filter(|&cell| colony.is_inside(cell) && !colony.is_evaluated(cell));
         let unknown = unknown.count();
-        Ok((ending, unknown, colony.tally(), colony.take_nests()?))
+        let quiet = colony.quiet_visits_needed();
+        Ok((ending, unknown, quiet, colony.tally(), colony.take_nests()?))
     });
     if let Some(error) = viewer.raised {
         return Err(error);
     }
-    let (ending, unknown, tally, nests) = told.settle(result)?;
+    let (ending, unknown, quiet, tally, nests) = told.settle(result)?;
     let found = tally_dict(py, tally)?;
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;
     found.set_item("sizes", sizes)?;
     found.set_item("ending", ending)?;
     found.set_item("unknown_cells", unknown)?;
+    found.set_item("quiet_visits", quiet)?;
     Ok(found)
 }
 

@@ -44,6 +44,9 @@ MOST_FRAMES = 72
 _LONG_SIDE_PX = 640
 _HEAD_PX, _FOOT_PX, _EDGE_PX = 58, 58, 14
 _FRAME_MS, _LAST_MS = 110, 2600
+
+#: Ground that is shown around where something happens, in blocks and as a share of that.
+_LEAST_MARGIN, _MARGIN_SHARE = 6, 0.06
 _PAPER = (246, 246, 243)
 _FAINT = (98, 104, 115)
 
@@ -76,7 +79,10 @@ _LEGEND = (
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """What an animation shows: the ground, frames of one swarm on it from first to last, and start and goal if any."""
+    """What an animation shows: the ground, frames of one swarm on it from first to last, and start and goal if any.
+
+    ``map_cells`` are the cells of the whole map where the ground shown is a part of it.
+    """
 
     geometry: GridGeometry
     elevation_m: NDArray[np.float32]
@@ -84,6 +90,7 @@ class Film:
     title: str
     subtitle: str
     ends: tuple[Position, ...] = ()
+    map_cells: int | None = None
 
     def __post_init__(self) -> None:
         if not self.frames:
@@ -142,12 +149,55 @@ def animate_plan(
     """
     frames = list(answer.frames)
     if answer.route is not None and len(answer.route.legs):
-        frames.append(replace(frames[-1], arc=answer.route.xy_m, is_route=True))
+        frames.append(replace(frames[-1], arc=answer.route.xy_m, is_route=True, agents=frames[-1].agents[:0]))
     title = f"{params.agents:,} termites look for a way for the {region.vehicle.name}"
     subtitle = _subtitle(region, params, source)
-    film = Film(region.geometry, region.elevation_m, frames, title, subtitle, ends)
+    film = _zoomed(Film(region.geometry, region.elevation_m, frames, title, subtitle, ends))
     write_gif(folder / "animation.gif", film)
     write_page(folder / "animation.html", film)
+
+
+def _zoomed(film: Film) -> Film:
+    """Return the film of the part of the map where something happens."""
+    rows, columns = film.frames[0].seen.shape
+    step = film.frames[0].step
+    happens = np.zeros((rows, columns), dtype=np.bool_)
+    for frame in film.frames:
+        happens |= frame.seen > _UNSEEN
+        points = np.empty((0, 2)) if frame.arc is None else arcs.in_blocks(film.geometry, step, frame.arc)
+        points = np.concatenate([points, arcs.in_blocks(film.geometry, step, np.array(film.ends))])
+        x, y = points.astype(np.int64).T
+        happens[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
+    sides = []
+    for axis, count in ((1, rows), (0, columns)):
+        (at,) = np.nonzero(happens.any(axis=axis))
+        margin = max(_LEAST_MARGIN, round(_MARGIN_SHARE * (at[-1] - at[0])))
+        sides.append((max(0, int(at[0]) - margin), min(count, int(at[-1]) + 1 + margin)))
+    (top, bottom), (left, right) = sides
+    part = (slice(top, bottom), slice(left, right))
+    cells = tuple(slice(side.start * step, side.stop * step) for side in part)
+    elevation_m = film.elevation_m[cells]
+    return replace(
+        film,
+        geometry=film.geometry.window(top * step, left * step, *elevation_m.shape),
+        elevation_m=elevation_m,
+        frames=[_cut(frame, part) for frame in film.frames],
+        map_cells=film.geometry.cell_count,
+    )
+
+
+def _cut(frame: Frame, part: tuple[slice, slice]) -> Frame:
+    low = np.array([side.start for side in part])
+    high = np.array([side.stop for side in part])
+    agents = frame.agents.astype(np.int64)
+    agents = agents[((agents >= low) & (agents < high)).all(axis=1)] - low
+    return replace(
+        frame,
+        seen=np.ascontiguousarray(frame.seen[part]),
+        pellets=np.ascontiguousarray(frame.pellets[part]),
+        nests=np.ascontiguousarray(frame.nests[part]),
+        agents=agents.astype(np.uint32),
+    )
 
 
 def _subtitle(region: Region, params: SwarmParams, source: str) -> str:
@@ -277,7 +327,7 @@ def _line_colours(film: Film) -> list[str]:
 def _words(film: Film, frame: Frame) -> str:
     """Return what a frame has come to, in words."""
     tally = frame.tally
-    share = tally.cells_evaluated / film.geometry.cell_count
+    share = tally.cells_evaluated / (film.map_cells or film.geometry.cell_count)
     nests = len(np.unique(frame.nests[frame.nests > 0]))
     return (
         f"tick {tally.ticks:,} \N{MIDDLE DOT} {tally.visits:,} visits \N{MIDDLE DOT} {share:.1%} of the map looked at "
@@ -329,7 +379,9 @@ def _sheet(film: Film, base: Image.Image, number: int) -> Image.Image:
 
     frame = film.frames[number]
     width, height = base.size
-    sheet = Image.new("RGB", (max(width, 560) + 2 * _EDGE_PX, height + _HEAD_PX + _FOOT_PX), _PAPER)
+    sheet = Image.new(
+        "RGB", (max(width, 640 if film.ends else 560) + 2 * _EDGE_PX, height + _HEAD_PX + _FOOT_PX), _PAPER
+    )
     colours = np.array(_OVERLAY, dtype=np.uint8)[_codes(frame)]
     overlay = Image.fromarray(colours, mode="RGBA").resize((width, height), Image.Resampling.NEAREST)
     ground = Image.alpha_composite(base.convert("RGBA"), overlay).convert("RGB")
@@ -339,7 +391,7 @@ def _sheet(film: Film, base: Image.Image, number: int) -> Image.Image:
         x, y = (column + 0.5) * zoom, (row + 0.5) * zoom
         pen.ellipse((x - 1.2, y - 1.2, x + 1.2, y + 1.2), fill=INK_COLOUR)
     if frame.arc is not None:
-        ground = arcs.draw(ground, film.geometry, film.frames, number, film.ends)
+        ground = arcs.draw(ground, film.geometry, film.frames, number, ends=film.ends, font=_font(12, bold=True))
     sheet.paste(ground, (_EDGE_PX, _HEAD_PX))
     pen = ImageDraw.Draw(sheet)
     room = sheet.width - 2 * _EDGE_PX

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-    from PIL import Image
+    from PIL import Image, ImageFont
 
     from swathe.grid import GridGeometry, Position
     from swathe.swarm import Frame
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 LAID_COLOUR = "#e0115f"
 
 #: Opacity of earlier arcs, the latest first.
-FADING = (0.5, 0.34, 0.22, 0.14, 0.08)
+FADING = (0.6, 0.46, 0.34, 0.24, 0.15)
 
 #: Points of an arc that are kept are so far apart at least, in blocks.
 _APART = 0.8
@@ -64,7 +64,13 @@ def arcs_before(frames: Sequence[Frame], number: int) -> list[int]:
 
 
 def draw(
-    ground: Image.Image, geometry: GridGeometry, frames: Sequence[Frame], number: int, ends: Sequence[Position]
+    ground: Image.Image,
+    geometry: GridGeometry,
+    frames: Sequence[Frame],
+    number: int,
+    *,
+    ends: Sequence[Position],
+    font: ImageFont.FreeTypeFont,
 ) -> Image.Image:
     """Return the ground with the arcs of a frame and with start and goal."""
     from PIL import Image, ImageColor, ImageDraw
@@ -95,7 +101,13 @@ def draw(
             inner = radius / 2
             pen.ellipse((x - inner, y - inner, x + inner, y + inner), INK_COLOUR)
     smooth = sheet.resize(ground.size, Image.Resampling.BOX)
-    return Image.alpha_composite(ground.convert("RGBA"), smooth).convert("RGB")
+    done = Image.alpha_composite(ground.convert("RGBA"), smooth).convert("RGB")
+    pen = ImageDraw.Draw(done)
+    for name, end in zip(("start", "goal"), ends, strict=False):
+        ((x, y),) = (in_blocks(geometry, frame.step, np.array([end])) * (zoom / _FINE)).tolist()
+        left = min(x + 10, done.width - font.getlength(name) - 4)
+        pen.text((left, y - 7), name, INK_COLOUR, font, stroke_width=3, stroke_fill=ROUTE_CASING_COLOUR)
+    return done
 
 
 def as_json(geometry: GridGeometry, frames: Sequence[Frame], ends: Sequence[Position]) -> dict[str, Any]:

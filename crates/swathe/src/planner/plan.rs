@@ -247,7 +247,7 @@ impl Planner<'_> {
             && !snapped.as_ref().is_ok_and(|ends| ends.connected)
         {
             answer.nests = Some(nests);
-            return Ok(answer.refused(stopped_early(by, self.request.budget, self.rule())));
+            return Ok(answer.refused(stopped_early(by, self.request.budget)));
         }
         let ends = match snapped {
             Ok(ends) => ends,
@@ -285,7 +285,7 @@ impl Planner<'_> {
             Search::Unreachable => {
                 drop(ground);
                 let refusal = match searched {
-                    Searched::Early(by) => stopped_early(by, self.request.budget, self.rule()),
+                    Searched::Early(by) => stopped_early(by, self.request.budget),
                     _ => self.why_disconnected(&nests, &ends),
                 };
                 answer.nests = Some(nests);

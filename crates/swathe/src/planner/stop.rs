@@ -2,7 +2,7 @@
 
 use crate::grid::GridGeometry;
 use crate::rank::{CellSource, Ranker};
-use crate::swarm::{Budget, Colony, Ending, StopRule};
+use crate::swarm::{Budget, Colony, Ending};
 
 use super::answer::Plan;
 use super::refusal::{Refusal, Status};
@@ -67,6 +67,8 @@ pub struct StopReport {
     pub unknown_cells: u64,
     /// Cells of that swathe.
     pub swathe_cells: u64,
+    /// Random visits in a row without news that end the search by the statistical rule, if that is the rule.
+    pub quiet_visits: Option<u64>,
 }
 
 impl Plan {
@@ -85,23 +87,18 @@ impl Plan {
             by,
             unknown_cells,
             swathe_cells,
+            quiet_visits: colony.quiet_visits_needed(),
         });
     }
 }
 
 /// Refuses without a claim about the ground: the search was ended before it could tell.
-pub(super) fn stopped_early(by: StoppedBy, budget: Budget, rule: StopRule) -> Refusal {
+pub(super) fn stopped_early(by: StoppedBy, budget: Budget) -> Refusal {
     let (what, option) = match by {
         StoppedBy::Ticks => (spent(budget.ticks, "tick"), "a larger `--max-ticks`"),
         StoppedBy::Evaluations => (spent(budget.evaluations, "evaluation"), "a larger `--max-evaluations`"),
         StoppedBy::Seconds => ("the time given was over".to_owned(), "a larger `--max-seconds`"),
-        _ => {
-            let visits = rule.quiet_visits();
-            (
-                format!("{visits} random visits in a row met nothing new"),
-                "`--stop finished`",
-            )
-        }
+        _ => ("the statistical rule ended the search".to_owned(), "`--stop finished`"),
     };
     Refusal {
         status: Status::NoRoute,

@@ -92,6 +92,8 @@ pub struct Colony<Source: CellSource> {
     budget: Budget,
     /// Visits to random cells in a row that met nothing new; counted for the statistical rule alone.
     quiet_visits: u64,
+    /// Cells that agents walk on.
+    ground_cells: u64,
     tally: Tally,
     trace: trace::Trace,
 }
@@ -140,6 +142,7 @@ impl<Source: CellSource> Colony<Source> {
             rule: StopRule::Finished,
             budget: Budget::default(),
             quiet_visits: 0,
+            ground_cells: 0,
             tally: Tally::default(),
             trace: trace::Trace::default(),
         };
@@ -162,11 +165,13 @@ impl<Source: CellSource> Colony<Source> {
         let mask = inside.data();
         Layer::new(self.geometry, vec![(); mask.len()], "the swathe")?;
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
+        self.ground_cells = 0;
         for (index, flags) in self.flags.iter_mut().enumerate() {
             if mask[index] {
                 *flags |= flag::INSIDE;
             }
             if *flags & GROUND == flag::INSIDE {
+                self.ground_cells += 1;
                 let cell = self.geometry.cell(index);
                 low = (low.0.min(cell.row), low.1.min(cell.column));
                 high = (high.0.max(cell.row), high.1.max(cell.column));
@@ -247,14 +252,20 @@ impl<Source: CellSource> Colony<Source> {
         }
     }
 
+    /// Random visits in a row without news that end this swarm, where its rule is the statistical one.
+    pub fn quiet_visits_needed(&self) -> Option<u64> {
+        self.rule.quiet_visits(self.ground_cells, self.params.pellet_max)
+    }
+
     /// Why no further tick is due.
     fn over(&self) -> Option<Ending> {
         let by_rule = match self.rule {
             StopRule::Finished => None,
             StopRule::Good | StopRule::Connected => self.tally.connected_at.map(|_| Ending::Connected),
-            StopRule::Statistical { .. } => {
-                (self.quiet_visits >= self.rule.quiet_visits()).then_some(Ending::Statistical)
-            }
+            StopRule::Statistical { .. } => self
+                .quiet_visits_needed()
+                .filter(|&needed| self.quiet_visits >= needed)
+                .map(|_| Ending::Statistical),
         };
         if self.open == 0 {
             Some(Ending::Finished)

@@ -29,13 +29,28 @@ pub enum StopRule {
 }
 
 impl StopRule {
-    /// Random visits in a row without news that end a swarm: ceil(-ln doubt / open share). If the share were greater, so
-    /// many would miss all such cells with a probability below `doubt`. Infinite for the other rules.
-    pub fn quiet_visits(self) -> u64 {
-        match self {
-            Self::Statistical { open_share, doubt } => (-doubt.ln() / open_share).ceil() as u64,
-            _ => u64::MAX,
+    /// Random visits in a row without news that end a swarm of so many cells and pellets; none for the other rules.
+    ///
+    /// If a share p of the cells were open, w visits would miss all of them with a probability below exp(-p w). The rule
+    /// looks anew after every visit that met one, each time with fewer of them left, so the chances of all shares above
+    /// `open_share` are summed: pellets x cells / w x exp(-`open_share` x w) is at most `doubt`. The plain -ln doubt / open
+    /// share would hold for one series of visits that was fixed beforehand, and fails here.
+    pub fn quiet_visits(self, cells: u64, pellet_max: u8) -> Option<u64> {
+        let Self::Statistical { open_share, doubt } = self else {
+            return None;
+        };
+        let looks = (cells.max(1) as f64 * f64::from(pellet_max) / doubt).ln();
+        let mut low = -doubt.ln() / open_share;
+        let mut high = low.max(looks / open_share);
+        for _ in 0..64 {
+            let middle = f64::midpoint(low, high);
+            if open_share * middle + middle.ln() < looks {
+                low = middle;
+            } else {
+                high = middle;
+            }
         }
+        Some(high.ceil().max(1.0) as u64)
     }
 
     /// Checks the numbers of the rule.
@@ -85,9 +100,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_statistical_rule_counts_as_the_formula_says_and_refuses_shares_that_are_none() {
-        assert_eq!(STATISTICAL.quiet_visits(), 2996);
-        assert_eq!(StopRule::Finished.quiet_visits(), u64::MAX);
+    fn the_statistical_rule_counts_as_its_bound_says_and_refuses_shares_that_are_none() {
+        // 100,000 / 0.05 looks: 0.001 w + ln w = 14.5.
+        let visits = STATISTICAL.quiet_visits(100_000, 1).unwrap() as f64;
+        approx::assert_relative_eq!(0.001 * visits + visits.ln(), 2e6f64.ln(), epsilon = 0.002);
+        assert!(STATISTICAL.quiet_visits(100_000, 3) > STATISTICAL.quiet_visits(100_000, 1));
+        // One cell is one look: the plain formula.
+        assert_eq!(STATISTICAL.quiet_visits(1, 1), Some(2996));
+        assert_eq!(StopRule::Finished.quiet_visits(9, 1), None);
         for (open_share, doubt) in [(0.0, 0.1), (1.0, 0.1), (0.1, 0.0), (0.1, 1.0), (f64::NAN, 0.1)] {
             assert!(StopRule::Statistical { open_share, doubt }.validate().is_err());
         }
