@@ -15,7 +15,7 @@ from commands import GOAL, START
 from swathe import planner
 from swathe.corridor import CorridorParams
 from swathe.errors import InvalidParameterError
-from swathe.grid import Position
+from swathe.grid import Cell
 from swathe.nest import exact_nests
 from swathe.rank import rank_map
 from swathe.swarm import Frame, StopParams, Stopped, SwarmParams, Tally, run_swarm
@@ -24,11 +24,12 @@ from worlds import region_of, smooth_hills
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from swathe.grid import Position
     from swathe.rank import Region
+    from swathe.swarm import Rule
 
-ENDS = (Position(165.0, -195.0), Position(1335.0, -1005.0))
 ARCS = ("relaid", "spine", "circle", "line")
-RULES = ("good", "connected", "finished", "statistical")
+RULES: tuple[Rule, ...] = ("good", "connected", "finished", "statistical")
 
 
 def hills() -> Region:
@@ -37,6 +38,14 @@ def hills() -> Region:
 
 def exact(region: Region) -> np.ndarray[Any, np.dtype[np.uint32]]:
     return exact_nests(rank_map(region).rank, rank_min=region.params.rank_min).labels
+
+
+def ends_in(region: Region) -> tuple[Position, Position]:
+    """Return the first and the last cell of the largest nest, which lie far apart."""
+    labels = exact(region)
+    cells = np.argwhere(labels == 1 + np.argmax(np.bincount(labels[labels > 0] - 1)))
+    first, last = (region.geometry.position_of(Cell(int(row), int(column))) for row, column in (cells[0], cells[-1]))
+    return first, last
 
 
 @pytest.fixture
@@ -106,7 +115,9 @@ def test_every_rule_ends_with_a_route_and_says_what_is_unseen(arc: Any) -> None:
     region = hills()
     looked = {}
     for rule in RULES:
-        answer = planner.plan(region, *ENDS, corridor=CorridorParams(arc), stop=StopParams(rule, open_share=0.02))  # type: ignore[arg-type]
+        answer = planner.plan(
+            region, *ends_in(region), corridor=CorridorParams(arc), stop=StopParams(rule, open_share=0.02)
+        )
         assert answer.status == "route_found"
         assert answer.stopped is not None
         assert answer.stopped.by == rule
@@ -117,8 +128,8 @@ def test_every_rule_ends_with_a_route_and_says_what_is_unseen(arc: Any) -> None:
 
 def test_pictures_change_nothing_and_show_the_arc_being_laid_anew() -> None:
     region = hills()
-    plain = planner.plan(region, *ENDS, swarm=SwarmParams(agents=30))
-    shown = planner.plan(region, *ENDS, swarm=SwarmParams(agents=30), frames=20)
+    plain = planner.plan(region, *ends_in(region), swarm=SwarmParams(agents=30))
+    shown = planner.plan(region, *ends_in(region), swarm=SwarmParams(agents=30), frames=20)
     assert plain.swarm == shown.swarm
     assert plain.path == shown.path
     assert plain.frames == ()
@@ -130,7 +141,7 @@ def test_pictures_change_nothing_and_show_the_arc_being_laid_anew() -> None:
         assert (before.seen <= after.seen).all()
     assert any(not np.array_equal(before, after) for before, after in itertools.pairwise(arcs))
     for arc in arcs:
-        assert np.hypot(*(arc[0] - np.array(ENDS[0]))) < 100
+        assert np.hypot(*(arc[0] - np.array(ends_in(region)[0]))) < 100
     assert shown.frames[-1].is_route
     assert not shown.frames[0].is_route
 

@@ -252,7 +252,7 @@ impl Planner<'_> {
         watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
         colony.stop_by(rule, self.request.budget)?;
-        let by = self.run(&mut colony, MOST_TICKS, None, watch)?;
+        let by = Self::run(&mut colony, MOST_TICKS, None, watch)?;
         if by != StoppedBy::Finished {
             return self.answer_early(answer, colony, by, watch);
         }

@@ -127,7 +127,7 @@ impl Planner<'_> {
         budget: Budget,
         watch: &mut Watch,
     ) -> Result<StoppedBy, PlannerError> {
-        let mut by = self.run(colony, MOST_TICKS, Some(corridor), watch)?;
+        let mut by = Self::run(colony, MOST_TICKS, Some(corridor), watch)?;
         if self.rule() != StopRule::Good || by != StoppedBy::Connected {
             return Ok(by);
         }
@@ -138,7 +138,7 @@ impl Planner<'_> {
             if let Some(way) = self.good_way(colony)? {
                 break way;
             }
-            by = self.run(colony, ticks, Some(corridor), watch)?;
+            by = Self::run(colony, ticks, Some(corridor), watch)?;
             let is_pause = by == StoppedBy::Ticks && colony.spent().is_none();
             if !is_pause {
                 return Ok(by);
@@ -176,7 +176,6 @@ impl Planner<'_> {
 
     /// [`Colony::run`] with pictures, for at most so many ticks.
     pub(super) fn run(
-        &self,
         colony: &mut Colony<&Ranker<'_>>,
         ticks: u64,
         corridor: Option<&Corridor>,
