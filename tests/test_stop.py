@@ -120,10 +120,12 @@ def test_every_rule_ends_with_a_route_and_says_what_is_unseen(arc: Any) -> None:
         )
         assert answer.status == "route_found"
         assert answer.stopped is not None
-        assert answer.stopped.by == rule
+        # Few cells are soon finished, whatever the rule.
+        assert answer.stopped.by in {rule, "finished"}
         assert 0 <= answer.stopped.unknown_share <= 1
         looked[rule] = answer.cells_evaluated
     assert looked["connected"] <= looked["good"] <= looked["finished"]
+    assert looked["connected"] < looked["finished"]
 
 
 def test_pictures_change_nothing_and_show_the_arc_being_laid_anew() -> None:

@@ -43,7 +43,7 @@ fn ponds(seed: u64) -> Layers {
     let rows: Vec<String> = (0..40)
         .map(|row| {
             let cell = |column: u32| {
-                let clear = column.is_multiple_of(48) || column < 6 || column > 42;
+                let clear = !(6..=42).contains(&column);
                 let pond = crate::random::philox([row / 3, column / 3, 1, 0], seed)[0] % 100 < 28;
                 if pond && !clear { '~' } else { '.' }
             };
@@ -138,7 +138,7 @@ proptest! {
         let ask = PlanRequest {
             arc, stop,
             budget: Budget { ticks, evaluations },
-            swarm: SwarmParams { agents, seed, explore, pellet_max, ..SwarmParams::default() },
+            swarm: SwarmParams { agents, pellet_max, explore, seed, ..SwarmParams::default() },
             ..request(layers.0.geometry(), (20, 2), (21, 45))
         };
         let looks = if looks > 20 { u64::MAX } else { looks };
@@ -158,7 +158,7 @@ proptest! {
     ) {
         let layers = ponds(seed);
         let swarm = SwarmParams { agents: 40, seed, explore, ..SwarmParams::default() };
-        let ask = PlanRequest { arc, stop, swarm, ..request(layers.0.geometry(), (20, 2), (21, 45)) };
+        let ask = PlanRequest { swarm, arc, stop, ..request(layers.0.geometry(), (20, 2), (21, 45)) };
         let with = |most: u64| {
             let budget = if in_ticks {
                 Budget { ticks: Some(most), evaluations: None }
