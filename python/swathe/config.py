@@ -11,7 +11,7 @@ from swathe.errors import InvalidParameterError
 from swathe.nest import NestParams
 from swathe.objective import Objective
 from swathe.rank import RankParams
-from swathe.swarm import SwarmParams
+from swathe.swarm import StopParams, SwarmParams
 
 if TYPE_CHECKING:
     from swathe.planner import PathKind
@@ -61,6 +61,8 @@ class Settings:
     method: Literal["swarm", "exact"] = "swarm"
     agents: int | None = None
     pellet_max: int | None = None
+    explore: Literal["walk", "uniform", "permute"] = "walk"
+    stop: StopParams = field(default_factory=StopParams)
     seed: int = 0
     arc: Literal["relaid", "spine", "circle", "line"] | None = None
     sagitta_m: float | None = None
@@ -81,6 +83,7 @@ class Settings:
             agents=self.agents if self.agents is not None else (10 if self.follows_paper else 1024),
             pellet_max=self.pellet_max if self.pellet_max is not None else (3 if self.follows_paper else 1),
             nest=NestParams(rank_min=self.rank.rank_min),
+            explore=self.explore,
             seed=self.seed,
         )
 
@@ -101,3 +104,16 @@ def use_threads(threads: int | None) -> None:
     if threads < 1:
         raise InvalidParameterError(f"{threads} threads cannot work.", "Give at least 1, or leave it out.")
     os.environ["RAYON_NUM_THREADS"] = str(threads)
+
+
+def require_swarm(settings: Settings, *, animate: bool, compare: bool = False) -> None:
+    """Refuse what the exact pass cannot do: it looks at the whole map at once.
+
+    Raises:
+        InvalidParameterError: a rule, a budget or an animation is asked of the exact pass.
+    """
+    if settings.method == "exact" and not compare and (animate or settings.stop != StopParams()):
+        what = "animated" if animate else "stopped early"
+        raise InvalidParameterError(
+            f"The exact pass cannot be {what}: it looks at the whole map at once.", "Leave out `--method exact`."
+        )

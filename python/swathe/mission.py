@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from swathe import comparison, planner, rank
 from swathe import nest as nesting
+from swathe.config import require_swarm
 from swathe.errors import InterruptedBySignalError
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
 from swathe.export.geojson import nest_collection, route_collection
 from swathe.io.raster import write_raster
 from swathe.io.window import bounded, first_window, larger_window
 from swathe.preparation import Stopwatch, open_source, place_of, prepare
+from swathe.report.animation import MOST_FRAMES, frame_step
 from swathe.report.palette import rank_colour_table
-from swathe.summary import plan_summary, shared_summary, swarm_summary
+from swathe.summary import plan_summary, shared_summary, stop_notes, stop_summary, swarm_summary
 from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -38,15 +40,20 @@ def plan_route(
     settings: Settings,
     out: Path,
     *,
+    animate: bool = False,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Plan a route, write its folder and return its summary. ``start`` and ``goal`` are in ``terrain.points_crs``.
+
+    ``animate`` adds an animation of the swarm and its arc.
 
     Raises:
         SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped. A negative answer is
             no error: the summary's ``status`` tells.
     """
     watch = Stopwatch()
+    require_swarm(settings, animate=animate)
+    stop = settings.stop
     with run_folder(out) as folder:
         vehicle = load_vehicle(settings.vehicle)
         with watch.step("open"):
@@ -60,6 +67,7 @@ def plan_route(
                 ground = prepare(
                     source, terrain, window, vehicle, settings, is_whole=is_whole, watch=watch, on_progress=on_progress
                 )
+                before = watch.seconds.get("plan", 0.0)
                 with watch.step("plan"):
                     answer = planner.plan(
                         ground.region,
@@ -71,16 +79,30 @@ def plan_route(
                         path=settings.path,
                         bridge=settings.bridge,
                         certify=settings.certify,
+                        stop=stop,
                         map_continues=not ground.is_whole,
                         objective=settings.objective,
                         cost=ground.cost,
+                        frames=MOST_FRAMES if animate else 0,
+                        frame_step=frame_step(ground.region.geometry),
                         on_progress=on_progress,
                     )
                 if not _needs_more_map(answer, ground, settings):
                     break
                 window = larger_window(window, whole)
+                if answer.swarm is not None:
+                    stop = stop.after(
+                        replace(answer.swarm, cells_evaluated=answer.cells_evaluated), watch.seconds["plan"] - before
+                    )
             answer = _with_nests(answer, ground)
             summary = plan_summary(ground, answer, settings, (start, goal), ends)
+            if animate and answer.frames:
+                with watch.step("animate"):
+                    from swathe.report import animation
+
+                    names = ", ".join(source.names)
+                    params = settings.swarm_params()
+                    animation.animate_plan(folder, ground.region, params, answer, (ends[0], ends[1]), source=names)
             _write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
     return summary
 
@@ -101,9 +123,10 @@ def find_nests(
     With ``ends``, a start and a goal in ``terrain.points_crs``, only the swathe between them is searched. ``compare``
     runs swarm, exact pass and lazy A* side by side with so many ``seeds`` and adds ``comparison``, ``precision``,
     ``recall`` (cells of the exact nests that the swarm found) and ``recall_cores``. ``animate`` adds an animation of
-    the swarm.
+    the swarm, with ``ends`` of the planner's swarm and its arc.
     """
     watch = Stopwatch()
+    require_swarm(settings, animate=False, compare=compare)
     with run_folder(out) as folder:
         vehicle = load_vehicle(settings.vehicle)
         with watch.step("open"):
@@ -122,33 +145,59 @@ def find_nests(
             with watch.step("nests"):
                 if compare:
                     both = comparison.compare(
-                        ground.region, params, corridor, ends=places, seeds=seeds, on_progress=on_progress
+                        ground.region,
+                        params,
+                        corridor,
+                        ends=places,
+                        seeds=seeds,
+                        stop=settings.stop,
+                        on_progress=on_progress,
                     )
                     more = both.as_dict()
                     shown = both.by_swarm if settings.method == "swarm" else both.exact
                 else:
                     shown, _ = comparison.find(
-                        ground.region, settings.method, params, corridor, places, on_progress=on_progress
+                        ground.region,
+                        settings.method,
+                        params,
+                        corridor,
+                        places,
+                        stop=settings.stop,
+                        on_progress=on_progress,
                     )
             summary = {
                 **shared_summary("nests", ground, settings),
                 "status": "done",
                 "cells_evaluated": shown.cells_evaluated,
+                **stop_summary(shown.stopped, settings, has_ends=places is not None),
                 "nest_count": shown.nests.count,
                 "nest_cells": int(shown.nests.sizes.sum()),
                 "largest_nest_cells": int(shown.nests.sizes.max(initial=0)),
                 "swarm": None if shown.tally is None else swarm_summary(shown.tally, settings),
                 **more,
             }
+            summary["notes"] += stop_notes(shown.stopped, settings)
             if animate:
                 with watch.step("animate"):
                     from swathe.report import animation
 
-                    # With two ends the planner has sent the agents; here they search its swathe by themselves.
-                    ticks = None if shown.tally is None or places else shown.tally.ticks
-                    searched = shown.inside(ground.region)
                     names = ", ".join(source.names)
-                    animation.animate(folder, ground.region, params, searched, ticks=ticks, source=names)
+                    region, ticks = ground.region, None if shown.tally is None else shown.tally.ticks
+                    if places is None:
+                        animation.animate(folder, region, params, None, ticks=ticks, source=names)
+                    else:
+                        # The same swarm again, for as many ticks.
+                        again = replace(settings.stop, max_ticks=ticks, max_seconds=None)
+                        answer = planner.plan(
+                            region,
+                            *places,
+                            swarm=params,
+                            corridor=corridor,
+                            stop=again,
+                            frames=MOST_FRAMES,
+                            frame_step=frame_step(region.geometry),
+                        )
+                        animation.animate_plan(folder, region, params, answer, places, source=names)
             _write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
     return summary
 
@@ -163,6 +212,8 @@ def _with_nests(answer: Plan, ground: Ground) -> Plan:
 
 def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
     if ground.is_whole:
+        return False
+    if answer.stopped is not None and answer.stopped.by.startswith("max_"):
         return False
     return answer.status == "no_route" or (answer.route is not None and settings.certify and not answer.optimal)
 

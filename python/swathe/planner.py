@@ -15,7 +15,7 @@ from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatch
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
 from swathe.objective import Objective, as_objective, closed_where, cost_factor
-from swathe.swarm import SwarmParams, Tally, tally
+from swathe.swarm import Frame, StopParams, Stopped, SwarmParams, Tally, frame_of, tally
 from swathe.terrain import require_length
 
 if TYPE_CHECKING:
@@ -331,6 +331,8 @@ class Plan:
         corridor: arc and swathe (swarm only).
         swarm: what the swarm did (swarm only).
         cells_evaluated: cells whose rank was asked for.
+        stopped: what ended the search for ground and what it left unseen (swarm only).
+        frames: pictures of the swarm at work and its arc, as many as were asked for at most.
     """
 
     status: Status
@@ -348,6 +350,8 @@ class Plan:
     corridor: Corridor | None
     swarm: Tally | None
     cells_evaluated: int
+    stopped: Stopped | None = None
+    frames: tuple[Frame, ...] = ()
 
 
 def plan(
@@ -361,10 +365,13 @@ def plan(
     path: PathKind = "grid16",
     bridge: bool = False,
     certify: bool = False,
+    stop: StopParams | None = None,
     map_continues: bool = False,
     objective: Objective | Word | str | Mapping[str, float] = "time",
     cost: ArrayLike | CostFunction | None = None,
     reverse: bool = False,
+    frames: int = 0,
+    frame_step: int = 1,
     on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> Plan:
     """Plan a route over a region.
@@ -380,6 +387,8 @@ def plan(
             neighbours, then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
+        stop: when the swarm stops and what it may spend. Stopped early, it answers with the route that is known by
+            then, or a refusal that does not claim that there is none.
         map_continues: whether there is more map beyond the region, which limits what can be certified.
         objective: what the way should save: ``time``, ``energy``, ``risk``, or weights (``swathe.objective``). The
             vehicle's limits hold under every objective.
@@ -387,6 +396,8 @@ def plan(
             the region's shape or a function of blocks (``swathe.objective.cost_factor``).
         reverse: charge every step, and hold its limits, as if it were driven the other way: the way from A to B then
             costs what the way from B to A costs without.
+        frames: most pictures to take of the swarm, 0 or at least 2, which changes nothing about it.
+        frame_step: cells per side of a picture's blocks.
         on_progress: called with stage, work done and work expected; returning False stops with an error.
 
     Raises:
@@ -395,7 +406,14 @@ def plan(
     """
     swarm = swarm or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
     corridor = corridor or CorridorParams()
+    if frames < 0 or frame_step < 1:
+        raise InvalidParameterError(
+            f"{frames} frames in blocks of {frame_step} cells cannot be taken.", "Give 0 or more, and 1 or more."
+        )
     request = {
+        **asdict(stop or StopParams()),
+        "frames": frames,
+        "frame_step": frame_step,
         **swarm.core_arguments(),
         "start": tuple(start),
         "goal": tuple(goal),
@@ -488,6 +506,8 @@ def _plan(found: dict[str, Any]) -> Plan:
         corridor=corridor,
         swarm=tally(found["swarm"]) if "swarm" in found else None,
         cells_evaluated=found["cells_evaluated"],
+        stopped=Stopped(*found["stopped"]) if "stopped" in found else None,
+        frames=tuple(frame_of(frame) for frame in found["frames"]),
     )
 
 

@@ -66,6 +66,74 @@ def swarm_summary(tally: swarm.Tally, settings: Settings) -> dict[str, Any]:
     }
 
 
+def usual_rule(settings: Settings, *, has_ends: bool) -> swarm.Rule:
+    """Return the rule that ends the swarm when none is asked for."""
+    corridor = settings.corridor_params()
+    guided = has_ends and corridor.arc == "relaid" and corridor.width_m is None and not settings.certify
+    return "good" if guided else "finished"
+
+
+def stop_summary(stopped: swarm.Stopped | None, settings: Settings, *, has_ends: bool) -> dict[str, Any]:
+    """Return what ended the swarm and what it left unseen; nothing but None for the exact pass."""
+    if stopped is None:
+        return {"stopped_by": None, "unknown_cells": None, "unknown_share": None, "stop": None}
+    stop = settings.stop
+    rule = stop.rule or usual_rule(settings, has_ends=has_ends)
+    bound = None
+    if rule == "statistical":
+        bound = {
+            "open_share": stop.open_share,
+            "confidence": 1 - stop.doubt,
+            "quiet_visits": stopped.quiet_visits,
+            "holds": stopped.by in ("statistical", "finished"),
+        }
+    return {
+        "stopped_by": stopped.by,
+        "unknown_cells": stopped.unknown_cells,
+        "unknown_share": stopped.unknown_share,
+        "stop": {
+            "rule": rule,
+            "max_ticks": stop.max_ticks,
+            "max_evaluations": stop.max_evaluations,
+            "max_seconds": stop.max_seconds,
+            "reproducible": stop.max_seconds is None,
+            "statistical": bound,
+        },
+    }
+
+
+def stop_notes(stopped: swarm.Stopped | None, settings: Settings) -> list[str]:
+    """Return what is not known yet, in words; nothing where the usual rule ended the search."""
+    if stopped is None:
+        return []
+    stop, notes = settings.stop, []
+    unseen = (
+        f"{stopped.unknown_cells:,} of {stopped.swathe_cells:,} cells of the swathe ({stopped.unknown_share:.1%}) "
+        "were not looked at"
+    )
+    budgets = {
+        "max_ticks": f"the budget of {stop.max_ticks} ticks",
+        "max_evaluations": f"the budget of {stop.max_evaluations} evaluations",
+        "max_seconds": f"the budget of {stop.max_seconds} seconds",
+    }
+    if stopped.by in budgets:
+        notes.append(
+            f"Stopped early by {budgets[stopped.by]}: {unseen}. Nests may reach farther than shown, and a better route "
+            "may exist."
+        )
+    elif stopped.by == "connected":
+        notes.append(f"Stopped as soon as start and goal were connected: {unseen}. A better route may exist.")
+    elif stopped.by == "statistical" and stopped.quiet_visits is not None:
+        notes.append(
+            f"Stopped by the statistical rule: {stopped.quiet_visits:,} random visits in a row met nothing new, so at "
+            f"most {stop.open_share:.2%} of the cells searched are suitable and not yet marked (confidence "
+            f"{1 - stop.doubt:.0%}); {unseen}."
+        )
+    if stop.max_seconds is not None:
+        notes.append("A budget of seconds depends on the machine: the same command may find something else.")
+    return notes
+
+
 def plan_summary(
     ground: Ground,
     answer: Plan,
@@ -85,6 +153,7 @@ def plan_summary(
         notes.append(f"The swathe was widened {times}, to {corridor.width_m:.0f} m.")
     if not ground.is_whole:
         notes.append("Only the part of the map around start and goal was read.")
+    notes += stop_notes(answer.stopped, settings)
     return {
         **shared_summary("plan", ground, settings),
         "status": answer.status,
@@ -109,6 +178,7 @@ def plan_summary(
         "grid_cost": answer.path_cost,
         "optimal": answer.optimal,
         "cells_evaluated": answer.cells_evaluated,
+        **stop_summary(answer.stopped, settings, has_ends=True),
         "nest_count": None if answer.nests is None else answer.nests.count,
         "start": place.end_of_route(asked[0], ends[0], answer.start, ground.frame),
         "goal": place.end_of_route(asked[1], ends[1], answer.goal, ground.frame),

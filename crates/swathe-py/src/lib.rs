@@ -14,6 +14,7 @@ mod progress;
 mod rank;
 mod region;
 mod soil;
+mod stop;
 mod swarm;
 mod terrain;
 mod vehicle;

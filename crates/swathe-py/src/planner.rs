@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
 use swathe::planner::{
-    Algorithm, AnyAngleMethod, Corners, LazyRequest, Leg, Objective, PathKind, Plan, PlanRequest, Search, SegmentFacts,
-    Stage, Status, Terrain, Way, WaySearch,
+    Algorithm, AnyAngleMethod, ArcFrame, Corners, Film, LazyRequest, Leg, Objective, PathKind, Plan, PlanRequest,
+    Search, SegmentFacts, Stage, Status, Terrain, Watch, Way, WaySearch,
 };
 
 use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
@@ -14,7 +14,8 @@ use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
-use crate::swarm::tally_dict;
+use crate::stop::stop_params;
+use crate::swarm::{frame_dict, tally_dict};
 
 type Places = Option<(Vec<(usize, usize)>, f64)>;
 type Vertices = Option<(Vec<(f64, f64)>, f64)>;
@@ -207,6 +208,9 @@ pub(crate) fn plan<'py>(
     map_continues: bool,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let (stop, budget, deadline) = stop_params(request)?;
+    let most_frames: usize = entry(request, "frames")?;
+    let mut film = Film::new(most_frames, entry(request, "frame_step")?);
     let request = PlanRequest {
         start: position(entry(request, "start")?),
         goal: position(entry(request, "goal")?),
@@ -219,6 +223,8 @@ pub(crate) fn plan<'py>(
         certify: entry(request, "certify")?,
         objective: objective(request)?,
         reversed: entry(request, "reversed")?,
+        stop,
+        budget,
     };
     let factor = factor.as_ref().map(values).transpose()?;
     let mut told = PythonReport::new(report);
@@ -232,10 +238,25 @@ pub(crate) fn plan<'py>(
             told.tell(stage, done, total)
         };
         let terrain = priced(terrain, factor)?;
-        let plan = swathe::planner::plan(terrain, ranker, vehicle, params, &request, &mut tell)?;
+        let mut is_over = || deadline.is_over();
+        let film = (most_frames > 0).then_some(&mut film);
+        let mut watch = Watch::new(&mut tell, &mut is_over, film);
+        let plan = swathe::planner::plan_watched(terrain, ranker, vehicle, params, &request, &mut watch)?;
         Ok(plan)
     });
-    answer(py, told.settle(result)?)
+    let found = answer(py, told.settle(result)?)?;
+    let frames: PyResult<Vec<_>> = film.frames().into_iter().map(|frame| arc_frame(py, frame)).collect();
+    found.set_item("frames", PyList::new(py, frames?)?)?;
+    Ok(found)
+}
+
+fn arc_frame(py: Python<'_>, frame: ArcFrame) -> PyResult<Bound<'_, PyDict>> {
+    let found = frame_dict(py, frame.swarm)?;
+    let arc: Vec<(f64, f64)> = frame.arc.iter().map(|p| (p.x_m, p.y_m)).collect();
+    found.set_item("arc", arc)?;
+    found.set_item("width_m", frame.width_m)?;
+    found.set_item("is_route", frame.is_route)?;
+    Ok(found)
 }
 
 /// The objective of a request's entry (time, energy, risk, risk distance in metres or None).
@@ -290,6 +311,17 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
     if let Some(swarm) = plan.swarm {
         found.set_item("swarm", tally_dict(py, swarm.tally)?)?;
         found.set_item("widened", swarm.widened)?;
+    }
+    if let Some(stopped) = plan.stopped {
+        found.set_item(
+            "stopped",
+            (
+                stopped.by.name(),
+                stopped.unknown_cells,
+                stopped.swathe_cells,
+                stopped.quiet_visits,
+            ),
+        )?;
     }
     if let Some(corridor) = plan.corridor {
         let arc: Vec<(f64, f64)> = corridor.arc().iter().copied().map(place).collect();

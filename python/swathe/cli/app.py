@@ -19,8 +19,12 @@ from swathe.cli.options import (
     Debug,
     Dem,
     Directions,
+    Explore,
     HeightRange,
     Json,
+    MaxEvaluations,
+    MaxSeconds,
+    MaxTicks,
     MemoryLimit,
     Method,
     Moisture,
@@ -39,6 +43,7 @@ from swathe.cli.options import (
     SoilField,
     SoilLegend,
     SoilTable,
+    Stop,
     Threads,
     UnknownSoil,
     VehicleName,
@@ -115,6 +120,11 @@ def plan(
     pellets: Pellets = None,
     seed: Seed = 0,
     threads: Threads = None,
+    explore: Explore = "walk",
+    stop: Stop = None,
+    max_ticks: MaxTicks = None,
+    max_evaluations: MaxEvaluations = None,
+    max_seconds: MaxSeconds = None,
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
@@ -126,6 +136,9 @@ def plan(
     ] = False,
     certify: Annotated[
         bool, typer.Option("--certify", help="Widen the swathe until the route is known to be the map's best.")
+    ] = False,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Add an animation of termites and arc, as GIF and as HTML page.")
     ] = False,
     soil_table: SoilTable = "text",
     combine: Combine = "weighted",
@@ -149,6 +162,8 @@ def plan(
       swathe plan --dem N44W072.hgt --start=-71.7,44.1 --goal=-71.5,44.3 --vehicle tractor --moisture wet
 
       swathe plan --dem heights.png --cell-size 10 --height-range 0,255 --points-crs native --start 50,50 --goal 900,700
+
+      swathe plan --dem dem.tif --start 10.05,51.53 --goal 10.15,51.60 --max-evaluations 20000 --animate
 
     A negative answer (exit code 3) says what is in the way, where, and what would change it.
     """
@@ -178,6 +193,11 @@ def plan(
         pellets=pellets,
         seed=seed,
         threads=threads,
+        explore=explore,
+        stop=stop,
+        max_ticks=max_ticks,
+        max_evaluations=max_evaluations,
+        max_seconds=max_seconds,
         arc=arc,
         sagitta=sagitta,
         width=width,
@@ -195,7 +215,9 @@ def plan(
     )
     ends = say.pair("--start", start), say.pair("--goal", goal)
     with say.progress(quiet=quiet or json) as report:
-        summary = mission.plan_route(terrain, *ends, settings, out or Path("swathe-plan"), on_progress=report)
+        summary = mission.plan_route(
+            terrain, *ends, settings, out or Path("swathe-plan"), animate=animate, on_progress=report
+        )
     say.result(summary, as_json=json)
     return 0 if summary["status"] == "route_found" else 3
 
@@ -233,6 +255,11 @@ def nests(
     pellets: Pellets = None,
     seed: Seed = 0,
     threads: Threads = None,
+    explore: Explore = "walk",
+    stop: Stop = None,
+    max_ticks: MaxTicks = None,
+    max_evaluations: MaxEvaluations = None,
+    max_seconds: MaxSeconds = None,
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
@@ -260,6 +287,8 @@ def nests(
       swathe nests --dem dem.tif --start 10.03,51.52 --goal 10.12,51.58 --compare --seeds 20
 
       swathe nests --dem bundled:jacksboro --vehicle tractor --animate
+
+      swathe nests --dem dem.tif --explore uniform --stop statistical --max-ticks 5000
     """
     from swathe import mission
     from swathe.cli import say
@@ -287,6 +316,11 @@ def nests(
         pellets=pellets,
         seed=seed,
         threads=threads,
+        explore=explore,
+        stop=stop,
+        max_ticks=max_ticks,
+        max_evaluations=max_evaluations,
+        max_seconds=max_seconds,
         arc=arc,
         sagitta=sagitta,
         width=width,

@@ -119,6 +119,29 @@ Rounding = Annotated[
     Literal["half_away", "real"], typer.Option("--rounding", help="How real differences meet the paper's bins.")
 ]
 PaperGrade = Annotated[float, typer.Option("--paper-grade", help="The paper's bound on safe travel, rise over run.")]
+Explore = Annotated[
+    Literal["walk", "uniform", "permute"],
+    typer.Option(
+        "--explore",
+        help="How termites look about: step by step, deployed anew every tick, or each cell once an epoch. With the "
+        "re-laid arc they are sent, and look about only where no arc leads.",
+    ),
+]
+Stop = Annotated[
+    Literal["good", "connected", "finished", "statistical"] | None,
+    typer.Option(
+        "--stop",
+        help="When termites stop: the route is good enough, start and goal connect, nothing more can be found, or at "
+        "most 0.1 % of the cells can be left to find (95 % confidence). [default: good with a start, a goal and the "
+        "re-laid arc; else finished]",
+    ),
+]
+MaxTicks = Annotated[int | None, typer.Option("--max-ticks", help="Most ticks; what is known by then is answered.")]
+MaxEvaluations = Annotated[int | None, typer.Option("--max-evaluations", help="Most cells that termites look at.")]
+MaxSeconds = Annotated[
+    float | None,
+    typer.Option("--max-seconds", help="Most seconds for the termites. Such a run is not reproducible."),
+]
 Out = Annotated[Path | None, typer.Option("--out", help="Folder to write. [default: swathe-<command>]")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
@@ -180,6 +203,11 @@ def settings_of(
     objective: str = "time",
     bridge: bool = False,
     certify: bool = False,
+    explore: Literal["walk", "uniform", "permute"] = "walk",
+    stop: Literal["good", "connected", "finished", "statistical"] | None = None,
+    max_ticks: int | None = None,
+    max_evaluations: int | None = None,
+    max_seconds: float | None = None,
     **rules: Any,  # noqa: ANN401 - the rank options, by the names of RankParams
 ) -> Settings:
     """Return how the ground is judged and the route found, as the options say."""
@@ -187,6 +215,7 @@ def settings_of(
     from swathe.config import Settings, use_threads
     from swathe.objective import as_objective
     from swathe.rank import RankParams, moisture_percent
+    from swathe.swarm import StopParams
 
     use_threads(threads)
     height_soil = (0.5, 0.5) if weights is None else say.numbers("--weights", weights, 2)
@@ -204,6 +233,8 @@ def settings_of(
         method=method,
         agents=agents,
         pellet_max=pellets,
+        explore=explore,
+        stop=StopParams(rule=stop, max_ticks=max_ticks, max_evaluations=max_evaluations, max_seconds=max_seconds),
         seed=seed,
         arc=arc,
         sagitta_m=sagitta,

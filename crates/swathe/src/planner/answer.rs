@@ -3,11 +3,12 @@
 use crate::corridor::{ArcKind, Corridor};
 use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
-use crate::swarm::{SwarmParams, Tally};
+use crate::swarm::{Budget, StopRule, SwarmParams, Tally};
 
 use super::path_kind::PathKind;
 use super::refusal::Refusal;
 use super::route::Route;
+use super::stop::StopReport;
 use super::{Objective, SegmentFacts};
 
 /// Which way regions are found.
@@ -72,6 +73,11 @@ pub struct PlanRequest {
     pub objective: Objective,
     /// Whether the way is charged, and kept within limits, as if driven back from goal to start.
     pub reversed: bool,
+    /// When the swarm stops; where not given, when the route is good enough for the arc that is laid anew, and when the
+    /// swathe is finished for the others and for a certificate.
+    pub stop: Option<StopRule>,
+    /// What the swarm may spend; the cells of the coarse map behind [`ArcKind::Spine`] count.
+    pub budget: Budget,
 }
 
 /// What the swarm did.
@@ -108,6 +114,8 @@ pub struct Plan {
     pub swarm: Option<SwarmReport>,
     /// Cells whose rank was asked for, those of the coarse map included.
     pub cells_evaluated: u64,
+    /// How the swarm's search ended (swarm only).
+    pub stopped: Option<StopReport>,
 }
 
 impl Plan {
@@ -127,6 +135,7 @@ impl Plan {
             corridor: None,
             swarm: None,
             cells_evaluated: 0,
+            stopped: None,
         }
     }
 

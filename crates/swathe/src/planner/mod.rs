@@ -18,6 +18,9 @@ mod route;
 mod search;
 mod smooth;
 mod spine;
+mod stop;
+mod swathe;
+mod watch;
 
 use thiserror::Error;
 
@@ -35,11 +38,13 @@ pub use eikonal::eikonal_field;
 pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use path_kind::PathKind;
-pub use plan::plan;
+pub use plan::{plan, plan_watched};
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};
 pub use search::{Search, StepGraph, cost_field, search};
 pub use smooth::shorten;
+pub use stop::{StopReport, StoppedBy};
+pub use watch::{ArcFrame, Film, Watch};
 
 /// What can be wrong with a planner request. "No route" is not an error but a [`Refusal`].
 #[derive(Clone, Debug, Error, PartialEq)]

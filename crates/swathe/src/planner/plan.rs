@@ -1,13 +1,13 @@
 //! The whole of planning: corridor, swarm, nests, search, shortcuts, certificate.
 
-use crate::corridor::{ArcKind, Corridor, capsule_half_width_m};
+use crate::corridor::{ArcKind, capsule_half_width_m};
 use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position};
 use crate::nest::{BitRows, Nests, exact_nests};
 use crate::rank::{CellSource, RankParams, Ranker};
-use crate::swarm::{Colony, Ending};
+use crate::swarm::StopRule;
 use crate::vehicle::Vehicle;
 
-use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
+use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, Terrain};
 use super::any_angle::{best_refined, centres, lazy_theta};
 use super::clearance::ClearanceField;
 use super::ground::Ground;
@@ -16,7 +16,8 @@ use super::refusal::{Refusal, Status, blocked_end, disconnected, limited};
 use super::route::Route;
 use super::search::{Search, search};
 use super::smooth::{drop_collinear, shorten};
-use super::spine::spine;
+use super::stop::{StoppedBy, stopped_early};
+use super::watch::Watch;
 use super::{Obstacle, PlannerError};
 
 /// How far start and goal are moved to reach a nest, in cells.
@@ -37,7 +38,26 @@ pub fn plan(
     request: &PlanRequest,
     report: &mut StageReport,
 ) -> Result<Plan, PlannerError> {
+    let mut forever = || false;
+    let mut report = |stage, done, total| report(stage, done, total);
+    let mut watch = Watch::new(&mut report, &mut forever, None);
+    plan_watched(terrain, ranker, vehicle, params, request, &mut watch)
+}
+
+/// [`plan`] for as long as there is time, with pictures.
+///
+/// # Errors
+/// [`PlannerError`] when the request is not usable or the caller asked to stop.
+pub fn plan_watched(
+    terrain: Terrain,
+    ranker: &Ranker,
+    vehicle: &Vehicle,
+    params: &RankParams,
+    request: &PlanRequest,
+    watch: &mut Watch,
+) -> Result<Plan, PlannerError> {
     request.swarm.validate()?;
+    request.stop.map_or(Ok(()), StopRule::validate)?;
     let geometry = terrain.elevation_m.geometry();
     request.objective.validate(geometry.cell_size_m())?;
     check_factor(terrain.cost_factor)?;
@@ -63,18 +83,14 @@ pub fn plan(
     };
     match request.method {
         Method::Exact => {
-            if !report(Stage::Regions, 0, 1) {
-                return Err(PlannerError::Stopped);
-            }
+            watch.tell(Stage::Regions, 0, 1)?;
             let rank = ranker.rank_all();
             answer.cells_evaluated = geometry.cell_count() as u64;
             let nests = exact_nests(&rank, None, &request.swarm.nest)?;
-            planner.finish(answer, nests, Searched::Whole, report)
+            planner.finish(answer, nests, Searched::Whole, watch)
         }
-        Method::Swarm if request.arc == ArcKind::Relaid && !request.certify && request.width_m.is_none() => {
-            planner.with_guided_swarm(answer, report)
-        }
-        Method::Swarm => planner.with_swarm(answer, report),
+        Method::Swarm if planner.is_guided() => planner.with_guided_swarm(answer, watch),
+        Method::Swarm => planner.with_swarm(answer, watch),
     }
 }
 
@@ -129,10 +145,12 @@ pub(super) enum Searched<'a> {
     Swathe(&'a Layer<bool>),
     /// Some around the route.
     Part,
+    /// Some, and the search for more was ended.
+    Early(StoppedBy),
 }
 
 impl Searched<'_> {
-    fn is_whole(&self) -> bool {
+    pub(super) fn is_whole(&self) -> bool {
         matches!(self, Self::Whole)
     }
 }
@@ -156,65 +174,19 @@ impl Planner<'_> {
         [self.request.start, self.request.goal]
     }
 
-    /// Runs the swarm in a swathe that is widened until start and goal connect, or the route is certified.
-    fn with_swarm(&self, mut answer: Plan, report: &mut StageReport) -> Result<Plan, PlannerError> {
-        let geometry = self.geometry();
-        if !report(Stage::Corridor, 0, 1) {
-            return Err(PlannerError::Stopped);
-        }
-        let [start, goal] = self.places();
-        let mut coarse_cells = 0;
-        let mut points = None;
-        if matches!(self.request.arc, ArcKind::Spine | ArcKind::Relaid) {
-            let found = spine(self.terrain, self.vehicle, self.params, [start, goal])?;
-            (points, coarse_cells) = (found.points, found.cells_evaluated);
-        }
-        let (arc, width_m) = (self.request.arc, self.request.width_m);
-        let mut corridor = Corridor::lay(geometry, start, goal, arc, width_m, || points)?;
-        let mut inside = corridor.cells(geometry);
-        let mut colony = Colony::deploy(self.ranker, &inside, self.request.swarm)?;
-        colony.watch(self.ends[0], self.ends[1]);
-        let mut widened = 0;
-        loop {
-            let ending = colony.run(MOST_TICKS, &mut |done, total| report(Stage::Regions, done, total));
-            if ending == Ending::Stopped {
-                return Err(PlannerError::Stopped);
-            }
-            let tally = colony.tally();
-            answer.swarm = Some(SwarmReport { tally, widened });
-            answer.cells_evaluated = tally.cells_evaluated + coarse_cells;
-            answer.corridor = Some(corridor.clone());
-            let nests = colony.take_nests()?;
-            let whole = inside.data().iter().all(|&inside| inside);
-            let ends = self.snap(&nests, whole);
-            let refused = ends.is_err() && corridor.width_m() >= 2.0 * self.settled_radius_m();
-            let connected = ends.is_ok_and(|ends| ends.connected);
-            if refused || connected || whole {
-                answer = self.finish(
-                    answer,
-                    nests,
-                    if whole {
-                        Searched::Whole
-                    } else {
-                        Searched::Swathe(&inside)
-                    },
-                    report,
-                )?;
-                let again = !whole && (answer.answer.is_err() || self.request.certify && !answer.optimal);
-                if refused || !again {
-                    return Ok(answer);
-                }
-                let nests = answer.nests.take();
-                let Some(nests) = nests else { return Ok(answer) };
-                colony.give_nests(&nests);
-            } else {
-                colony.give_nests(&nests);
-            }
-            corridor = corridor.widened();
-            widened += 1;
-            inside = corridor.cells(geometry);
-            colony.widen(&inside)?;
-        }
+    /// When the swarm stops: as asked, else when the route is good enough with an arc that is laid anew, and when the swathe
+    /// is finished with one that stays.
+    pub(super) fn rule(&self) -> StopRule {
+        let usual = if self.is_guided() {
+            StopRule::Good
+        } else {
+            StopRule::Finished
+        };
+        self.request.stop.unwrap_or(usual)
+    }
+
+    fn is_guided(&self) -> bool {
+        self.request.arc == ArcKind::Relaid && !self.request.certify && self.request.width_m.is_none()
     }
 
     /// Distance around start and goal within which the swathe decides nothing any more: what is a nest within the reach of
@@ -288,10 +260,17 @@ impl Planner<'_> {
         mut answer: Plan,
         nests: Nests,
         searched: Searched,
-        report: &mut StageReport,
+        watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
         let geometry = self.geometry();
-        let ends = match self.snap(&nests, searched.is_whole()) {
+        let snapped = self.snap(&nests, searched.is_whole());
+        if let Searched::Early(by) = searched
+            && !snapped.as_ref().is_ok_and(|ends| ends.connected)
+        {
+            answer.nests = Some(nests);
+            return Ok(answer.refused(stopped_early(by, self.request.budget)));
+        }
+        let ends = match snapped {
             Ok(ends) => ends,
             Err(status) => {
                 let which = usize::from(status == Status::GoalBlocked);
@@ -317,12 +296,10 @@ impl Planner<'_> {
             answer.nests = Some(nests);
             return Ok(answer.refused(refusal));
         }
-        if !report(Stage::Route, 0, 0) {
-            return Err(PlannerError::Stopped);
-        }
+        watch.tell(Stage::Route, 0, 0)?;
         let ground = self.ground(&nests, &ends, bridging, &mut answer.cells_evaluated);
         let (first, last) = (ends.start.0, ends.goal.0);
-        let mut tell = |done, total| report(Stage::Route, done, total);
+        let mut tell = |done, total| watch.ask(Stage::Route, done, total);
         let found = match self.request.path {
             PathKind::Grid8 => search(&EightNeighbours(&ground), first, last, &mut tell),
             PathKind::Grid16 | PathKind::AnyAngle => search(&ground, first, last, &mut tell),
@@ -332,13 +309,16 @@ impl Planner<'_> {
             Search::Unreachable => {
                 let limited = limited(&ground, &nests, [ends.start.0, ends.goal.0], self.vehicle);
                 drop(ground);
-                let refusal = limited.unwrap_or_else(|| self.why_disconnected(&nests, &ends));
+                let refusal = match searched {
+                    Searched::Early(by) => stopped_early(by, self.request.budget),
+                    _ => limited.unwrap_or_else(|| self.why_disconnected(&nests, &ends)),
+                };
                 answer.nests = Some(nests);
                 return Ok(answer.refused(refusal));
             }
             Search::Found { cells, cost } => {
                 answer.optimal = !bridging && self.is_optimal(searched, cost, &ends, &ground);
-                match self.route(&ground, &cells, &answer, report)? {
+                match self.route(&ground, &cells, &answer, watch)? {
                     Ok(route) => {
                         let ends = (route.legs.first(), route.legs.last());
                         let least = match ends {
@@ -447,7 +427,7 @@ impl Planner<'_> {
         let mut half_m = match searched {
             Searched::Whole => f64::INFINITY,
             Searched::Swathe(inside) => capsule_half_width_m(inside, start, goal),
-            Searched::Part => 0.0,
+            Searched::Part | Searched::Early(_) => 0.0,
         };
         if self.terrain.map_continues {
             let rim = geometry.cells().filter(|cell| {
@@ -472,7 +452,7 @@ impl Planner<'_> {
         ground: &Ground,
         cells: &[Cell],
         answer: &Plan,
-        report: &mut StageReport,
+        watch: &mut Watch,
     ) -> Result<Result<Route, Obstacle>, PlannerError> {
         let exact = [answer.start, answer.goal].map(|end| end.map(|end| end.0));
         let joined = |points| match exact {
@@ -484,7 +464,7 @@ impl Planner<'_> {
             PathKind::Grid8 => joined(drop_collinear(&steps)),
             PathKind::Grid16 => joined(shorten(ground, &steps)),
             PathKind::AnyAngle => {
-                let mut tell = |done, total| report(Stage::Route, done, total);
+                let mut tell = |done, total| watch.ask(Stage::Route, done, total);
                 let (first, last) = (cells[0], cells[cells.len() - 1]);
                 let sighted = lazy_theta(ground, first, last, &mut tell).ok_or(PlannerError::Stopped)?;
                 let ways = [joined(shorten(ground, &steps)), joined(centres(ground, &sighted))];
@@ -533,5 +513,7 @@ fn join(ground: &Ground, mut points: Vec<Position>, start: Position, goal: Posit
     points
 }
 
+#[cfg(test)]
+mod stop_tests;
 #[cfg(test)]
 mod tests;

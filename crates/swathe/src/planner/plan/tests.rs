@@ -3,12 +3,12 @@
 use super::*;
 use crate::planner::Objective;
 use crate::soil::SoilClass;
-use crate::swarm::SwarmParams;
+use crate::swarm::{Budget, SwarmParams};
 use crate::vehicle::fixtures::pioneer;
 use proptest::prelude::*;
 
 /// A world as text, 10 m cells: '.' level ground, a digit a height in 40 m, '~' water, '?' unknown elevation.
-fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
+pub(super) fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 10.0, 0.0, 0.0).unwrap();
     let bytes: Vec<u8> = rows.iter().flat_map(|row| row.bytes()).collect();
     let heights = bytes.iter().map(|byte| match byte {
@@ -30,7 +30,7 @@ fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     )
 }
 
-fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
+pub(super) fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
     PlanRequest {
         start: geometry.centre(Cell::new(start.0, start.1)),
         goal: geometry.centre(Cell::new(goal.0, goal.1)),
@@ -46,10 +46,12 @@ fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) 
         certify: false,
         objective: Objective::default(),
         reversed: false,
+        stop: None,
+        budget: Budget::default(),
     }
 }
 
-fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
+pub(super) fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
     solve_with(layers, &pioneer(), None, request)
 }
 
@@ -77,7 +79,7 @@ fn solve_with(
     plan(terrain, &ranker, vehicle, &params, request, &mut |_, _, _| true).unwrap()
 }
 
-const LAKE: [&str; 12] = [
+pub(super) const LAKE: [&str; 12] = [
     "....................",
     "....................",
     "....................",
@@ -92,7 +94,7 @@ const LAKE: [&str; 12] = [
     "........~~..........",
 ];
 
-const RIVER: [&str; 6] = [
+pub(super) const RIVER: [&str; 6] = [
     "........~~..........",
     "........~~..........",
     "........~~..........",
