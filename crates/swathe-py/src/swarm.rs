@@ -4,7 +4,11 @@ use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swathe::grid::{Cell, GridGeometry, Layer};
-use swathe::swarm::{Colony, Ending, Frame, FrameTicks, State, TRANSITIONS, Tally, TileJob, TileResult, Window};
+use swathe::nest::Nests;
+use swathe::rank::{CellSource, RankView};
+use swathe::swarm::{
+    Colony, Ending, Frame, FrameTicks, State, SwarmParams, TRANSITIONS, Tally, TileJob, TileResult, Window,
+};
 
 use crate::convert::{array, geometry, nest_params, swarm_params, values};
 use crate::error::CoreError;
@@ -102,11 +106,8 @@ pub(crate) fn run_swarm<'py>(
         0 => FrameTicks::At(frame_ticks),
         every => FrameTicks::Every(every),
     };
-    let result = region.with(py, false, |terrain, ranker, _, _| {
-        let geometry = terrain.elevation_m.geometry();
-        let mask = mask.unwrap_or_else(|| vec![true; geometry.cell_count()]);
-        let mask = Layer::new(geometry, mask, "the swathe")?;
-        let mut colony = Colony::deploy(ranker, &mask, params)?;
+    let result = region.with(py, false, |_, ranker, _, _| {
+        let mut colony = deploy(ranker, mask, params)?;
         let mut tell = |done, total| told.tell("regions", done, total);
         let ending = if is_watched {
             colony.run_in_frames(ticks, &frames, frame_step, &mut tell, &mut |frame| viewer.show(frame))
@@ -119,6 +120,47 @@ pub(crate) fn run_swarm<'py>(
         return Err(error);
     }
     let (ending, tally, nests) = told.settle(result)?;
+    swarm_dict(py, ending, tally, nests)
+}
+
+/// The same on plain ranks that are known already, without frames.
+#[pyfunction]
+#[pyo3(signature = (ranks, inside, params, ticks, report))]
+pub(crate) fn run_swarm_on_ranks<'py>(
+    py: Python<'py>,
+    ranks: PyReadonlyArray2<'py, u8>,
+    inside: Option<PyReadonlyArray2<'py, bool>>,
+    params: &Bound<'py, PyDict>,
+    ticks: u64,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let params = swarm_params(params)?;
+    let grid = map(ranks.as_array().dim())?;
+    let ranks = values(&ranks)?;
+    let mask = inside.as_ref().map(values).transpose()?.map(<[bool]>::to_vec);
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<_, CoreError> {
+        let mut colony = deploy(RankView::new(grid, ranks)?, mask, params)?;
+        let ending = colony.run(ticks, &mut |done, total| told.tell("regions", done, total));
+        Ok((ending, colony.tally(), colony.take_nests()?))
+    });
+    let (ending, tally, nests) = told.settle(result.map_err(PyErr::from))?;
+    swarm_dict(py, ending, tally, nests)
+}
+
+/// A swarm inside a mask, or everywhere; the mask is not kept.
+fn deploy<Source: CellSource>(
+    source: Source,
+    mask: Option<Vec<bool>>,
+    params: SwarmParams,
+) -> Result<Colony<Source>, CoreError> {
+    let geometry = source.geometry();
+    let mask = mask.unwrap_or_else(|| vec![true; geometry.cell_count()]);
+    let mask = Layer::new(geometry, mask, "the swathe")?;
+    Ok(Colony::deploy(source, &mask, params)?)
+}
+
+fn swarm_dict(py: Python<'_>, ending: Ending, tally: Tally, nests: Nests) -> PyResult<Bound<'_, PyDict>> {
     let found = tally_dict(py, tally)?;
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;

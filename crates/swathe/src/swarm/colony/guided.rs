@@ -12,7 +12,7 @@ impl<Source: CellSource> Colony<Source> {
         let cells = cells.iter().filter(|cell| ground(cell));
         let cells: Vec<u32> = cells.map(|&cell| self.geometry.index(cell) as u32).collect();
         for sent in cells.chunks(self.agents.len().max(1)) {
-            self.tick(sent.iter().copied());
+            self.tick(sent);
         }
     }
 
