@@ -36,15 +36,18 @@ def region(side: int) -> Region:
     return ground
 
 
-def prepare_ours() -> Region:
-    run_ours(region(64))  # starts the threads
-    return region(SIDE)
+def prepare_ours() -> tuple[Region, NDArray[np.uint8]]:
+    # Both sides write to memory that has been written before: getting pages from the system is not the job.
+    prepared = region(SIDE), np.ones((SIDE, SIDE), np.uint8)
+    run_ours(prepared)  # starts the threads, too
+    return prepared
 
 
-def run_ours(prepared: Region) -> RankMap:
+def run_ours(prepared: tuple[Region, NDArray[np.uint8]]) -> RankMap:
     import swathe.rank
 
-    return swathe.rank.rank_map(prepared)
+    ground, out = prepared
+    return swathe.rank.rank_map(ground, out=out)
 
 
 def facts_of_ours(_prepared: object, result: RankMap) -> dict[str, float]:
@@ -54,7 +57,9 @@ def facts_of_ours(_prepared: object, result: RankMap) -> dict[str, float]:
 def prepare_copy() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     # A copy reads and writes every byte, so half of the traffic is the size of what is copied.
     source = np.ones(SIDE * SIDE * BYTES_PER_CELL // 2, np.uint8)
-    return source, np.zeros_like(source)
+    prepared = source, np.full_like(source, 2)
+    run_copy(prepared)
+    return prepared
 
 
 def run_copy(prepared: tuple[NDArray[np.uint8], NDArray[np.uint8]]) -> None:

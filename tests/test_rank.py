@@ -287,6 +287,22 @@ def test_one_pass_and_one_cell_say_the_same(
         assert rank_cell(ground, cell) == (whole.rank[cell], REASONS[whole.reason[cell]])
 
 
+def test_ranks_go_into_the_callers_array_when_it_fits() -> None:
+    ground = region_of(smooth_hills(2, 20, 30, height_m=70, cell_size_m=CELL_M, wave_m=500), CELL_M)
+    out = np.full((20, 30), 255, np.uint8)
+    found = rank_map(ground, out=out)
+    assert np.shares_memory(found.packed, out)
+    np.testing.assert_array_equal(out, rank_map(ground).packed)
+    for wrong in (np.zeros((30, 20), np.uint8), np.zeros((20, 30), np.int8)):
+        with pytest.raises(ShapeMismatchError):
+            rank_map(ground, out=wrong)
+    fixed = np.zeros((20, 30), np.uint8)
+    fixed.flags.writeable = False
+    for unusable in (fixed, np.zeros((20, 60), np.uint8)[:, ::2]):
+        with pytest.raises(InvalidParameterError):
+            rank_map(ground, out=unusable)
+
+
 def test_rank_metric_is_the_rank_map_of_the_same_arrays() -> None:
     elevation = smooth_hills(2, 30, 40, height_m=60, cell_size_m=30, wave_m=500)
     soil = np.random.default_rng(0).integers(0, 7, elevation.shape)

@@ -19,7 +19,7 @@ from swathe import _core
 from swathe.errors import InvalidParameterError, ShapeMismatchError, UsageError
 from swathe.nest import NestParams, exact_nests
 from swathe.rank import RankParams, Region, rank_map
-from swathe.swarm import Swarm, SwarmParams, run_swarm
+from swathe.swarm import Swarm, SwarmParams, run_swarm, run_swarm_on_ranks
 from worlds import region_of, region_of_mask, smooth_hills
 
 if TYPE_CHECKING:
@@ -309,3 +309,35 @@ def test_small_masks_are_connected_as_scipy_says() -> None:
     suitable = draw.random((40, 40)) < 0.85
     found = run_swarm(region_of_mask(suitable), SwarmParams(agents=300, explore="permute"))
     assert found.nests.count == scipy.ndimage.label(scipy.ndimage.binary_opening(suitable, np.ones((3, 3))))[1]
+
+
+@pytest.mark.parametrize("explore", ["walk", "permute"])
+@pytest.mark.parametrize("ticks", [None, 0, 7])
+def test_ranks_at_hand_give_the_swarm_of_the_ground_they_came_from(explore: Any, ticks: int | None) -> None:
+    ground = hills(4, 130, 150)
+    inside = smooth_hills(9, 130, 150, height_m=1, cell_size_m=30, wave_m=900) > 0.2
+    params = SwarmParams(agents=700, explore=explore)
+    of_ground = run_swarm(ground, params, inside=inside, ticks=ticks)
+    of_ranks = run_swarm_on_ranks(rank_map(ground).rank, params, inside=inside, ticks=ticks)
+    assert (of_ranks.ending, of_ranks.tally) == (of_ground.ending, of_ground.tally)
+    np.testing.assert_array_equal(of_ranks.nests.labels, of_ground.nests.labels)
+    np.testing.assert_array_equal(of_ranks.nests.sizes, of_ground.nests.sizes)
+
+
+def test_ranks_that_are_none_and_masks_of_another_shape_are_refused() -> None:
+    with pytest.raises(UsageError, match="11"):
+        run_swarm_on_ranks(np.full((3, 3), 11, np.uint8))
+    with pytest.raises(ShapeMismatchError):
+        run_swarm_on_ranks(np.full((3, 3), 8, np.uint8), inside=np.ones((3, 4), np.bool_))
+
+
+def test_a_permuting_swarm_of_many_tiles_ends_with_scipys_opening() -> None:
+    rank = (2 + np.random.default_rng(5).integers(0, 40, (250, 333)).clip(0, 7)).astype(np.uint8)
+    found = run_swarm_on_ranks(rank, SwarmParams(explore="permute"))
+    opened = scipy.ndimage.binary_opening(rank >= 6, np.ones((3, 3), dtype=bool))
+    labels, count = scipy.ndimage.label(opened)
+    assert (found.ending, found.nests.count) == ("finished", count)
+    np.testing.assert_array_equal(found.nests.labels, labels)
+    # The tick in which the swarm is finished is a whole one.
+    assert found.tally.visits < rank.size + 1024
+    assert found.tally.cells_evaluated <= rank.size

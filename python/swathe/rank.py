@@ -158,13 +158,23 @@ class RankMap:
         return self.packed >> np.uint8(4)
 
 
-def rank_map(region: Region) -> RankMap:
+def rank_map(region: Region, *, out: NDArray[np.uint8] | None = None) -> RankMap:
     """Rank every cell of a region in one parallel pass.
 
+    Args:
+        region: the ground.
+        out: a writeable, contiguous array of the region's shape that takes the result, so that maps ranked again and
+            again need no new memory.
+
     Raises:
-        UsageError: a parameter is outside its range, or the layers do not fit.
+        UsageError: a parameter is outside its range, or the layers or ``out`` do not fit.
     """
-    return RankMap(_core.rank_map(region.core))
+    if out is not None and (out.shape != region.geometry.shape or out.dtype != np.uint8):
+        raise ShapeMismatchError(
+            f"The array for the ranks has the shape {out.shape} and the type {out.dtype}.",
+            f"Give one of uint8 with the shape {region.geometry.shape}.",
+        )
+    return RankMap(_core.rank_map(region.core, out))
 
 
 def rank_cell(region: Region, cell: Cell) -> tuple[int, str]:

@@ -14,14 +14,14 @@ import numpy as np
 
 from swathe import _core
 from swathe.errors import InvalidParameterError, ShapeMismatchError
-from swathe.grid import Window
+from swathe.grid import Window, as_codes
 from swathe.nest import NestParams, Nests
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
     from concurrent.futures import Executor, Future
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from swathe.rank import Region
 
@@ -253,12 +253,7 @@ def run_swarm(
         raise InvalidParameterError(
             f"The stop rule {stop.rule} needs a start and a goal.", "Give both, or another rule."
         )
-    mask = None if inside is None else np.ascontiguousarray(inside, dtype=np.bool_)
-    if mask is not None and mask.shape != region.geometry.shape:
-        raise ShapeMismatchError(
-            f"The mask has the shape {mask.shape} where the grid has {region.geometry.shape}.",
-            "Give one value per cell.",
-        )
+    mask = _mask(inside, region.geometry.shape)
     limit = _limit(ticks)
     every, at = (frame_every, []) if isinstance(frame_every, int) else (0, sorted(frame_every))
     if frame_step < 1 or (isinstance(frame_every, int) and frame_every < 1) or min(at, default=0) < 0:
@@ -269,12 +264,44 @@ def run_swarm(
     found = _core.run_swarm(
         region.core, mask, params.core_arguments(), limit, asdict(stop), on_progress, view, every, at, frame_step
     )
+    return _swarm(found, region.geometry.cell_count if mask is None else int(mask.sum()))
+
+
+def run_swarm_on_ranks(
+    rank: ArrayLike,
+    params: SwarmParams | None = None,
+    *,
+    inside: NDArray[np.bool_] | None = None,
+    ticks: int | None = None,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> Swarm:
+    """Run a swarm over ranks that are known already, as ``swathe.nest.exact_nests`` takes them.
+
+    Raises:
+        UsageError: the ranks are not (rows, columns) of 0 to 10, a parameter is outside its range, or the mask does not
+            fit.
+    """
+    array = as_codes(rank, "rank map")
+    mask = _mask(inside, array.shape)
+    arguments = (params or SwarmParams()).core_arguments()
+    found = _core.run_swarm_on_ranks(array, mask, arguments, _limit(ticks), on_progress)
+    return _swarm(found, array.size if mask is None else int(mask.sum()))
+
+
+def _mask(inside: NDArray[np.bool_] | None, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    mask = None if inside is None else np.ascontiguousarray(inside, dtype=np.bool_)
+    if mask is not None and mask.shape != shape:
+        raise ShapeMismatchError(
+            f"The mask has the shape {mask.shape} where the grid has {shape}.", "Give one value per cell."
+        )
+    return mask
+
+
+def _swarm(found: dict[str, Any], cells: int) -> Swarm:
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
-    cells = region.geometry.cell_count if mask is None else int(mask.sum())
+    done = tally(found)
     by = _BUDGETS.get(found["ending"], found["ending"])
-    return Swarm(
-        nests, found["ending"], tally(found), Stopped(by, found["unknown_cells"], cells, found["quiet_visits"])
-    )
+    return Swarm(nests, found["ending"], done, Stopped(by, cells - done.cells_evaluated, cells, found["quiet_visits"]))
 
 
 _BUDGETS = {

@@ -36,7 +36,7 @@ mod _core {
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
-    use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs, transitions};
+    use crate::swarm::{merge_tiles, run_swarm, run_swarm_on_ranks, run_tile, tile_jobs, transitions};
     #[pymodule_export]
     use crate::terrain::{
         aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope, squared_distances,

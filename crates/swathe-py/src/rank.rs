@@ -6,18 +6,27 @@ use swathe::grid::Cell;
 use swathe::rank::{CellSource, Reason};
 
 use crate::convert::{bands, rounding, values_mut};
-use crate::error::CoreError;
+use crate::error::{CoreError, invalid};
 use crate::region::Region;
 
-/// Rank (low four bits) and reason code (high four bits) of every cell.
+/// Rank (low four bits) and reason code (high four bits) of every cell, in an array of the caller's when one is given.
 #[pyfunction]
-pub(crate) fn rank_map<'py>(py: Python<'py>, region: &Region) -> PyResult<Bound<'py, PyArray2<u8>>> {
+#[pyo3(signature = (region, out=None))]
+pub(crate) fn rank_map<'py>(
+    py: Python<'py>,
+    region: &Region,
+    out: Option<Bound<'py, PyArray2<u8>>>,
+) -> PyResult<Bound<'py, PyArray2<u8>>> {
     let geometry = region.geometry();
     // Numpy's own allocation comes in large pages where the system has them.
-    let ranks = PyArray2::zeros(py, [geometry.rows(), geometry.columns()], false);
-    let mut written = ranks.readwrite();
+    let ranks = out.unwrap_or_else(|| PyArray2::zeros(py, [geometry.rows(), geometry.columns()], false));
+    let mut written = ranks.try_readwrite().map_err(|error| {
+        let fix = "Give an array that may be written and that no layer of the region shares.";
+        invalid(format!("The ranks cannot be written: {error}."), fix)
+    })?;
     let bytes = values_mut(&mut written)?;
     region.with(py, false, |_, ranker, _, _| Ok(ranker.rank_bytes(bytes)?))?;
+    drop(written);
     Ok(ranks)
 }
 

@@ -4,8 +4,10 @@ use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swathe::grid::{Cell, GridGeometry, Layer};
+use swathe::nest::Nests;
+use swathe::rank::{CellSource, RankView};
 use swathe::swarm::{
-    Colony, Ending, Frame, FrameTicks, State, StopRule, TRANSITIONS, Tally, TileJob, TileResult, Window,
+    Colony, Ending, Frame, FrameTicks, State, StopRule, SwarmParams, TRANSITIONS, Tally, TileJob, TileResult, Window,
 };
 
 use crate::convert::{array, geometry, nest_params, swarm_params, values};
@@ -108,11 +110,8 @@ pub(crate) fn run_swarm<'py>(
         0 => FrameTicks::At(frame_ticks),
         every => FrameTicks::Every(every),
     };
-    let result = region.with(py, false, |terrain, ranker, _, _| {
-        let geometry = terrain.elevation_m.geometry();
-        let mask = mask.unwrap_or_else(|| vec![true; geometry.cell_count()]);
-        let mask = Layer::new(geometry, mask, "the swathe")?;
-        let mut colony = Colony::deploy(ranker, &mask, params)?;
+    let result = region.with(py, false, |_, ranker, _, _| {
+        let mut colony = deploy(ranker, mask, params)?;
         colony.stop_by(rule.unwrap_or(StopRule::Finished), budget)?;
         let mut late = false;
         let mut tell = |done, total| {
@@ -125,24 +124,66 @@ pub(crate) fn run_swarm<'py>(
             colony.run(ticks, &mut tell)
         };
         let ending = if late { "seconds_spent" } else { word(ending) };
-        let unknown = geometry
-            .cells()
-            .filter(|&cell| colony.is_inside(cell) && !colony.is_evaluated(cell));
-        let unknown = unknown.count();
         let quiet = colony.quiet_visits_needed();
-        Ok((ending, unknown, quiet, colony.tally(), colony.take_nests()?))
+        Ok((ending, quiet, colony.tally(), colony.take_nests()?))
     });
     if let Some(error) = viewer.raised {
         return Err(error);
     }
-    let (ending, unknown, quiet, tally, nests) = told.settle(result)?;
+    let (ending, quiet, tally, nests) = told.settle(result)?;
+    swarm_dict(py, ending, quiet, tally, nests)
+}
+
+/// The same on plain ranks that are known already, without frames.
+#[pyfunction]
+#[pyo3(signature = (ranks, inside, params, ticks, report))]
+pub(crate) fn run_swarm_on_ranks<'py>(
+    py: Python<'py>,
+    ranks: PyReadonlyArray2<'py, u8>,
+    inside: Option<PyReadonlyArray2<'py, bool>>,
+    params: &Bound<'py, PyDict>,
+    ticks: u64,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let params = swarm_params(params)?;
+    let grid = map(ranks.as_array().dim())?;
+    let ranks = values(&ranks)?;
+    let mask = inside.as_ref().map(values).transpose()?.map(<[bool]>::to_vec);
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<_, CoreError> {
+        let mut colony = deploy(RankView::new(grid, ranks)?, mask, params)?;
+        let ending = colony.run(ticks, &mut |done, total| told.tell("regions", done, total));
+        Ok((word(ending), colony.tally(), colony.take_nests()?))
+    });
+    let (ending, tally, nests) = told.settle(result.map_err(PyErr::from))?;
+    swarm_dict(py, ending, None, tally, nests)
+}
+
+/// A swarm inside a mask, or everywhere; the mask is not kept.
+fn deploy<Source: CellSource>(
+    source: Source,
+    mask: Option<Vec<bool>>,
+    params: SwarmParams,
+) -> Result<Colony<Source>, CoreError> {
+    let geometry = source.geometry();
+    let mask = mask.unwrap_or_else(|| vec![true; geometry.cell_count()]);
+    let mask = Layer::new(geometry, mask, "the swathe")?;
+    Ok(Colony::deploy(source, &mask, params)?)
+}
+
+fn swarm_dict<'py>(
+    py: Python<'py>,
+    ending: &str,
+    quiet_visits: Option<u64>,
+    tally: Tally,
+    nests: Nests,
+) -> PyResult<Bound<'py, PyDict>> {
     let found = tally_dict(py, tally)?;
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;
     found.set_item("sizes", sizes)?;
     found.set_item("ending", ending)?;
-    found.set_item("unknown_cells", unknown)?;
-    found.set_item("quiet_visits", quiet)?;
+    found.set_item("quiet_visits", quiet_visits)?;
     Ok(found)
 }
 

@@ -185,7 +185,7 @@ impl BitRows {
 }
 
 /// Writes one bit for each cell whose byte is at least `least`, eight cells at a time.
-pub(super) fn pack_at_least<T>(cells: &[T], least: u8, byte: impl Fn(&T) -> u8, words: &mut [u64]) {
+pub(crate) fn pack_at_least<T>(cells: &[T], least: u8, byte: impl Fn(&T) -> u8, words: &mut [u64]) {
     const HIGH: u64 = 0x8080_8080_8080_8080;
     // Adding this to a byte below 128 sets its high bit exactly when the byte is at least `least`.
     let lift = u64::from_ne_bytes([0x80 - least; 8]);

@@ -16,6 +16,7 @@ use thiserror::Error;
 use crate::grid::{Cell, GridError, GridGeometry, Layer, Step, disc};
 
 pub use bit_rows::BitRows;
+pub(crate) use bit_rows::pack_at_least;
 pub use exact::{exact_nests, label_nests, nests_of_cells, suitable_cells};
 pub use graph::{Gap, nest_graph};
 pub use grids::{

@@ -135,11 +135,7 @@ impl RankMap {
     /// [`RankError::Rank`] above 10, [`RankError::Grid`] for the wrong number of cells.
     pub fn from_ranks(geometry: GridGeometry, ranks: &[u8]) -> Result<Self, RankError> {
         check_ranks(ranks)?;
-        let cells = ranks.iter().map(|&rank| match rank {
-            0 => CellRank::UNKNOWN,
-            rank => CellRank(rank),
-        });
-        let cells = cells.collect();
+        let cells = ranks.iter().map(|&rank| plain_rank(rank)).collect();
         Ok(Self::new(Layer::new(geometry, cells, "the rank map")?))
     }
 
@@ -151,6 +147,14 @@ impl RankMap {
     /// The cells, to be changed.
     pub fn cells_mut(&mut self) -> &mut Layer<CellRank> {
         &mut self.cells
+    }
+}
+
+/// A plain rank of 0 to 10, with no reason but "unknown elevation" for 0.
+fn plain_rank(rank: u8) -> CellRank {
+    match rank {
+        0 => CellRank::UNKNOWN,
+        rank => CellRank(rank),
     }
 }
 
@@ -210,6 +214,27 @@ impl<Source: CellSource> CellSource for &Source {
 
     fn cell_rank(&self, cell: Cell) -> CellRank {
         (**self).cell_rank(cell)
+    }
+
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        (**self).rank_window(row, column, ranks);
+    }
+}
+
+impl CellSource for RankView<'_> {
+    fn geometry(&self) -> GridGeometry {
+        self.0.geometry()
+    }
+
+    fn cell_rank(&self, cell: Cell) -> CellRank {
+        plain_rank(self.0[cell])
+    }
+
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        let first = self.geometry().index(Cell::new(row, column));
+        for (to, &from) in ranks.iter_mut().zip(&self.0.data()[first..]) {
+            *to = plain_rank(from);
+        }
     }
 }
 

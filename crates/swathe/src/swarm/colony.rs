@@ -3,16 +3,19 @@
 mod changes;
 mod frame;
 mod guided;
+mod planes;
+mod sweep;
 mod tick;
 mod trace;
 
 use crate::grid::{Cell, GridGeometry, Layer, Step};
-use crate::nest::{NestError, Nests, UnionFind};
+use crate::nest::{BitRows, NestError, Nests, UnionFind, nests_of_cells};
 use crate::progress::Report;
 use crate::rank::CellSource;
 
 use super::agents::Extent;
-use super::{Budget, State, StopRule, SwarmError, SwarmParams};
+use super::itinerary::Itinerary;
+use super::{Budget, Explore, State, StopRule, SwarmError, SwarmParams};
 
 pub use frame::{Frame, FrameTicks, Seen};
 
@@ -29,6 +32,8 @@ mod flag {
     pub(super) const NEST: u8 = 32;
     /// Ground that is looked at for the cores beside it, but is nobody's to walk on or to be a core.
     pub(super) const HALO: u8 = 64;
+    /// It has as many pellets as make a focus.
+    pub(super) const FULL: u8 = 128;
 }
 
 /// The bits that tell the ground of the agents: these cells are inside, and not of the halo.
@@ -80,13 +85,17 @@ pub struct Colony<Source: CellSource> {
     geometry: GridGeometry,
     extent: Extent,
     flags: Vec<u8>,
+    /// Pellets of every cell; empty where one pellet makes a focus, as the flags tell then.
     pellets: Vec<u8>,
+    /// Sets of nest cells. Empty while nobody has asked for them: they follow from the flags.
     sets: UnionFind,
     agents: Vec<u32>,
     /// Cells that may still become cores.
     open: u64,
     /// Tick at which the present swathe was set; permutations start anew there.
     epoch_start: u64,
+    /// Where a permutation leads in the present swathe.
+    itinerary: Option<Itinerary>,
     watched: Option<(usize, usize)>,
     rule: StopRule,
     budget: Budget,
@@ -104,7 +113,8 @@ impl<Source: CellSource> Colony<Source> {
     /// # Errors
     /// [`SwarmError`] when a parameter is outside its range or the mask does not fit the map.
     pub fn deploy(source: Source, inside: &Layer<bool>, params: SwarmParams) -> Result<Self, SwarmError> {
-        Self::deploy_within(source, inside, params, |_| true)
+        let flags = vec![0; source.geometry().cell_count()];
+        Self::deploy_on(source, inside, params, flags)
     }
 
     /// Deploys the agents on the cells of the swathe that are their own; the others are looked at, and may lie in a nest, but
@@ -115,9 +125,19 @@ impl<Source: CellSource> Colony<Source> {
         params: SwarmParams,
         own: impl Fn(Cell) -> bool,
     ) -> Result<Self, SwarmError> {
+        let cells = source.geometry().cells();
+        let flags = cells.map(|cell| if own(cell) { 0 } else { flag::HALO }).collect();
+        Self::deploy_on(source, inside, params, flags)
+    }
+
+    fn deploy_on(
+        source: Source,
+        inside: &Layer<bool>,
+        params: SwarmParams,
+        flags: Vec<u8>,
+    ) -> Result<Self, SwarmError> {
         params.validate()?;
         let geometry = source.geometry();
-        let cells = geometry.cell_count();
         let mut colony = Self {
             source,
             vicinity: params.nest.vicinity.steps()?,
@@ -129,15 +149,13 @@ impl<Source: CellSource> Colony<Source> {
                 rows: geometry.rows(),
                 columns: geometry.columns(),
             },
-            flags: geometry
-                .cells()
-                .map(|cell| if own(cell) { 0 } else { flag::HALO })
-                .collect(),
-            pellets: vec![0; cells],
-            sets: UnionFind::new(cells),
+            flags,
+            pellets: no_pellets(&params, geometry.cell_count()),
+            sets: UnionFind::new(0),
             agents: vec![0; params.agents as usize],
             open: 0,
             epoch_start: 0,
+            itinerary: None,
             watched: None,
             rule: StopRule::Finished,
             budget: Budget::default(),
@@ -164,58 +182,97 @@ impl<Source: CellSource> Colony<Source> {
     pub fn widen(&mut self, inside: &Layer<bool>) -> Result<(), SwarmError> {
         let mask = inside.data();
         Layer::new(self.geometry, vec![(); mask.len()], "the swathe")?;
-        let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
-        self.ground_cells = 0;
-        for (index, flags) in self.flags.iter_mut().enumerate() {
-            if mask[index] {
-                *flags |= flag::INSIDE;
-            }
-            if *flags & GROUND == flag::INSIDE {
-                self.ground_cells += 1;
-                let cell = self.geometry.cell(index);
-                low = (low.0.min(cell.row), low.1.min(cell.column));
-                high = (high.0.max(cell.row), high.1.max(cell.column));
-            }
+        for (flags, &inside) in self.flags.iter_mut().zip(mask) {
+            *flags |= u8::from(inside) * flag::INSIDE;
         }
-        if low.0 != usize::MAX {
-            self.extent = Extent {
-                row: low.0,
-                column: low.1,
-                rows: high.0 - low.0 + 1,
-                columns: high.1 - low.1 + 1,
-            };
-        }
+        self.extent = self.ground_box().unwrap_or(self.extent);
         self.epoch_start = self.tally.ticks;
+        self.ground_cells = self
+            .flags
+            .iter()
+            .map(|flags| u64::from(flags & GROUND == flag::INSIDE))
+            .sum();
         self.quiet_visits = 0;
-        self.open = 0;
-        let mut lost = Vec::new();
-        for index in 0..self.flags.len() {
-            let flags = self.flags[index];
-            if flags & flag::INSIDE == 0 {
-                continue;
-            }
-            if flags & flag::CORE > 0 {
-                if !self.leans_on_the_border(index) {
-                    continue;
-                }
-                self.flags[index] &= !flag::CORE;
-                lost.push(self.geometry.cell(index));
-            }
-            if self.may_be_core(index) {
-                self.flags[index] &= !flag::DEAD;
-                // A pellet count that is full would never trigger the test again.
-                self.pellets[index] = 0;
-                self.open += 1;
-            } else {
-                self.flags[index] |= flag::DEAD;
-            }
-        }
+        self.itinerary =
+            (self.params.explore == Explore::Permute).then(|| Itinerary::new(self.extent, self.params.seed));
+        let lost = self.uncore_the_leaning();
+        self.reopen();
         self.forget_cores(&lost);
         Ok(())
     }
 
+    /// The smallest box that holds the agents' ground.
+    fn ground_box(&self) -> Option<Extent> {
+        let ground = |flags: &u8| flags & GROUND == flag::INSIDE;
+        let columns = self.geometry.columns();
+        let (mut first, mut last) = ((usize::MAX, usize::MAX), (0, 0));
+        for (row, flags) in self.flags.chunks(columns).enumerate() {
+            if let (Some(west), Some(east)) = (flags.iter().position(ground), flags.iter().rposition(ground)) {
+                first = (first.0.min(row), first.1.min(west));
+                last = (row, last.1.max(east));
+            }
+        }
+        (first.0 != usize::MAX).then(|| Extent {
+            row: first.0,
+            column: first.1,
+            rows: last.0 - first.0 + 1,
+            columns: last.1 - first.1 + 1,
+        })
+    }
+
+    /// Takes the cores that counted on ground beyond the swathe which nobody has looked at for cores no more, and returns
+    /// them.
+    fn uncore_the_leaning(&mut self) -> Vec<Cell> {
+        let mut lost = Vec::new();
+        if !self.params.nest.border_suitable || self.tally.cores == 0 {
+            return lost;
+        }
+        for index in 0..self.flags.len() {
+            if self.flags[index] & flag::CORE > 0 && self.leans_on_the_border(index) {
+                self.flags[index] &= !flag::CORE;
+                lost.push(self.geometry.cell(index));
+            }
+        }
+        lost
+    }
+
+    /// Decides of every cell of the swathe but the cores whether it may be a core, a word of cells at a time: as
+    /// [`Self::may_be_core`] does for one.
+    fn reopen(&mut self) {
+        let border = self.params.nest.border_suitable;
+        let kind = BitRows::at_least(self.geometry, &self.flags, 1, |flags| {
+            let known_bad = flags & (flag::EVALUATED | flag::SUITABLE) == flag::EVALUATED;
+            let is_inside = flags & flag::INSIDE > 0;
+            u8::from((is_inside && !known_bad) || (!is_inside && border))
+        });
+        let possible = kind.eroded(&self.vicinity, border);
+        let columns = self.geometry.columns();
+        self.open = 0;
+        for (row, flags) in self.flags.chunks_mut(columns).enumerate() {
+            for (flags, &word) in flags.chunks_mut(64).zip(possible.row(row)) {
+                let mut open = 0u8;
+                for (flags, possible) in flags.iter_mut().zip(planes::spread(word)) {
+                    let settled = *flags & (flag::INSIDE | flag::CORE) != flag::INSIDE;
+                    let opens = possible > 0 && *flags & flag::HALO == 0;
+                    // A count of pellets that is full would never trigger the test again.
+                    let reopened = *flags & !(flag::DEAD | flag::FULL);
+                    let decided = if opens { reopened } else { *flags | flag::DEAD };
+                    open += u8::from(opens && !settled);
+                    *flags = if settled { *flags } else { decided };
+                }
+                self.open += u64::from(open);
+            }
+        }
+        for (pellets, flags) in self.pellets.iter_mut().zip(&self.flags) {
+            if flags & (flag::INSIDE | flag::CORE | flag::DEAD) == flag::INSIDE {
+                *pellets = 0;
+            }
+        }
+    }
+
     /// Watches for the tick in which two cells come into one nest.
     pub fn watch(&mut self, a: Cell, b: Cell) {
+        self.build_sets();
         self.watched = Some((self.geometry.index(a), self.geometry.index(b)));
         self.note_connection();
     }
@@ -277,6 +334,11 @@ impl<Source: CellSource> Colony<Source> {
     /// Runs until the swarm is finished, its rule or budget ends it ([`Self::stop_by`]), `ticks` are over, or `report`
     /// (cells settled, cells in all) returns false.
     pub fn run(&mut self, ticks: u64, report: &mut Report) -> Ending {
+        if let Some(itinerary) = self.itinerary.take() {
+            let ending = self.run_along(&itinerary, ticks, report);
+            self.itinerary = Some(itinerary);
+            return ending;
+        }
         let last = self.tally.ticks.saturating_add(ticks);
         let total = self.open;
         let mut ahead = 1;
@@ -325,7 +387,37 @@ impl<Source: CellSource> Colony<Source> {
 
     /// Pellets on a cell.
     pub fn pellets(&self, cell: Cell) -> u8 {
-        self.pellets[self.geometry.index(cell)]
+        self.pellets_at(self.geometry.index(cell))
+    }
+
+    fn pellets_at(&self, index: usize) -> u8 {
+        let full = u8::from(self.flags[index] & flag::FULL > 0);
+        self.pellets.get(index).copied().unwrap_or(full)
+    }
+
+    fn clear_pellets(&mut self, index: usize) {
+        self.flags[index] &= !flag::FULL;
+        if let Some(pellets) = self.pellets.get_mut(index) {
+            *pellets = 0;
+        }
+    }
+
+    /// Adds a pellet to a cell that is not full; returns whether it is full now.
+    fn drop_pellet(&mut self, index: usize) -> bool {
+        let full = self.pellets.get_mut(index).is_none_or(|pellets| {
+            *pellets += 1;
+            *pellets == self.params.pellet_max
+        });
+        self.flags[index] |= u8::from(full) * flag::FULL;
+        full
+    }
+
+    /// Takes a pellet back from a cell that was full.
+    fn take_pellet(&mut self, index: usize) {
+        self.flags[index] &= !flag::FULL;
+        if let Some(pellets) = self.pellets.get_mut(index) {
+            *pellets = pellets.saturating_sub(1);
+        }
     }
 
     /// Cells of the agents.
@@ -343,8 +435,11 @@ impl<Source: CellSource> Colony<Source> {
     /// # Errors
     /// [`NestError::Grid`] never in practice: the labels are of the map.
     pub fn take_nests(&mut self) -> Result<Nests, NestError> {
-        let sets = std::mem::replace(&mut self.sets, UnionFind::new(0));
         self.pellets = Vec::new();
+        if self.sets.is_empty() {
+            return self.nests();
+        }
+        let sets = std::mem::replace(&mut self.sets, UnionFind::new(0));
         let flags = &self.flags;
         let (labels, sizes) = sets.into_labels(|index| flags[index] & flag::NEST > 0);
         Ok(Nests::new(Layer::new(self.geometry, labels, "the nests")?, sizes))
@@ -352,18 +447,12 @@ impl<Source: CellSource> Colony<Source> {
 
     /// Takes back nests that [`Self::take_nests`] gave, so that the swathe can be widened.
     pub fn give_nests(&mut self, nests: &Nests) {
-        let mut roots = vec![u32::MAX; nests.count()];
-        let mut sets = UnionFind::new(self.geometry.cell_count());
-        for (index, &label) in nests.labels().data().iter().enumerate() {
-            if label > 0 {
-                let root = &mut roots[label as usize - 1];
-                *root = (*root).min(index as u32);
-                sets.union(*root, index as u32);
-            }
-        }
-        self.sets = sets;
+        self.sets = sets_of(nests);
         // Cells that are settled never look at their pellets again; the others count anew.
-        self.pellets = vec![0; self.geometry.cell_count()];
+        self.pellets = no_pellets(&self.params, self.geometry.cell_count());
+        for flags in &mut self.flags {
+            *flags &= !flag::FULL;
+        }
     }
 
     /// The nests built so far.
@@ -371,10 +460,28 @@ impl<Source: CellSource> Colony<Source> {
     /// # Errors
     /// [`NestError::Grid`] never in practice: the labels are of the map.
     pub fn nests(&self) -> Result<Nests, NestError> {
+        let is_nest = |flags: &u8| u8::from(flags & flag::NEST > 0);
+        if self.sets.is_empty() {
+            let cells = BitRows::at_least(self.geometry, &self.flags, 1, is_nest);
+            return nests_of_cells(self.geometry, &cells, self.params.nest.contact);
+        }
         let mut labels = Layer::filled(self.geometry, 0);
-        let nest = |index: usize| self.flags[index] & flag::NEST > 0;
-        let sizes = self.sets.label(nest, labels.data_mut());
+        let sizes = self
+            .sets
+            .label(|index| is_nest(&self.flags[index]) > 0, labels.data_mut());
         Ok(Nests::new(labels, sizes))
+    }
+
+    /// Makes the sets of nest cells that a sweep has left out. Under contact `overlap` none is ever left out once there is
+    /// a nest.
+    fn build_sets(&mut self) {
+        if !self.sets.is_empty() {
+            return;
+        }
+        self.sets = match self.nests() {
+            Ok(nests) if nests.count() > 0 => sets_of(&nests),
+            _ => UnionFind::new(self.geometry.cell_count()),
+        };
     }
 
     /// Whether nothing that is known keeps a cell from being a core.
@@ -416,6 +523,27 @@ impl<Source: CellSource> Colony<Source> {
             self.tally.connected_at = Some(self.tally.ticks);
         }
     }
+}
+
+/// Counts of pellets, where more than one makes a focus.
+fn no_pellets(params: &SwarmParams, cells: usize) -> Vec<u8> {
+    let counts = if params.pellet_max > 1 { cells } else { 0 };
+    vec![0; counts]
+}
+
+/// Sets of the cells of nests.
+fn sets_of(nests: &Nests) -> UnionFind {
+    let labels = nests.labels().data();
+    let mut roots = vec![u32::MAX; nests.count()];
+    let mut sets = UnionFind::new(labels.len());
+    for (index, &label) in labels.iter().enumerate() {
+        if label > 0 {
+            let root = &mut roots[label as usize - 1];
+            *root = (*root).min(index as u32);
+            sets.union(*root, index as u32);
+        }
+    }
+    sets
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 
 mod agents;
 mod colony;
+mod itinerary;
 mod stop;
 mod tiles;
 mod transitions;
@@ -31,7 +32,7 @@ pub enum Explore {
     Walk,
     /// Be deployed anew every tick.
     Uniform,
-    /// Visit the cells in the order of a random permutation, each once an epoch.
+    /// Visit the cells in the order of a random permutation, each once an epoch: tile after tile, and the cells of a tile.
     Permute,
 }
 

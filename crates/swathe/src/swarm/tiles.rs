@@ -219,6 +219,10 @@ impl<Source: CellSource> CellSource for Part<'_, Source> {
         self.source
             .cell_rank(Cell::new(cell.row + self.row, cell.column + self.column))
     }
+
+    fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
+        self.source.rank_window(row + self.row, column + self.column, ranks);
+    }
 }
 
 /// The nests of the whole map from the results of its tiles, in any order.

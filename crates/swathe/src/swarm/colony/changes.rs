@@ -37,6 +37,7 @@ impl<Source: CellSource> Colony<Source> {
     /// [`SwarmError::Grid`] when a cell lies outside the map, or the source has another shape now; nothing is changed then.
     pub fn update(&mut self, changed: &[Cell]) -> Result<Changes, SwarmError> {
         self.check_changes(changed)?;
+        self.build_sets();
         let mut changes = Changes::default();
         let seen_before = self.tally.cells_evaluated;
         let around = self.look_again(changed, &mut changes);
@@ -48,7 +49,7 @@ impl<Source: CellSource> Colony<Source> {
                 self.flags[index] &= !flag::DEAD;
                 self.open += 1;
                 changes.cells_reopened += 1;
-                if self.pellets[index] == self.params.pellet_max {
+                if flags & flag::FULL > 0 {
                     // No further pellet would bring it to the test.
                     full.push(self.geometry.cell(index));
                 }
@@ -73,6 +74,9 @@ impl<Source: CellSource> Colony<Source> {
     /// Takes note that some cells are cores no more; returns how many nests and how many cells of them are labelled anew.
     pub(super) fn forget_cores(&mut self, lost: &[Cell]) -> (u64, u64) {
         self.tally.cores -= lost.len() as u64;
+        if !lost.is_empty() {
+            self.build_sets();
+        }
         let touched = self.relabel(lost);
         if !lost.is_empty() && !self.is_connected() {
             self.tally.connected_at = None;
@@ -121,7 +125,7 @@ impl<Source: CellSource> Colony<Source> {
                 changes.cells_risen += 1;
             } else {
                 changes.cells_fallen += 1;
-                self.pellets[index] = 0;
+                self.clear_pellets(index);
             }
             // Vicinities are symmetric: these are the cells in whose vicinity the changed one lies.
             let near = self.vicinity.iter().filter_map(|step| step.from(&self.geometry, cell));

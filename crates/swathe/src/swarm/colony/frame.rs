@@ -1,10 +1,11 @@
 //! Pictures of a swarm at work: what stands in every block of cells at a tick.
 
 use crate::grid::Cell;
+use crate::nest::UnionFind;
 use crate::progress::Report;
 use crate::rank::CellSource;
 
-use super::{Colony, Ending, Tally, flag};
+use super::{Colony, Ending, Tally, flag, sets_of};
 
 /// What is known of a block of cells; a block shows the greatest of its cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,6 +76,13 @@ impl<Source: CellSource> Colony<Source> {
         let blocks = rows * columns;
         let block = |cell: Cell| cell.row / step * columns + cell.column / step;
         let (mut seen, mut pellets, mut nests) = (vec![0; blocks], vec![0; blocks], vec![0; blocks]);
+        let built;
+        let sets = if self.sets.is_empty() {
+            built = self.nests().map_or_else(|_| UnionFind::new(0), |nests| sets_of(&nests));
+            &built
+        } else {
+            &self.sets
+        };
         for (index, &flags) in self.flags.iter().enumerate() {
             let at = block(self.geometry.cell(index));
             let here = if flags & flag::INSIDE == 0 {
@@ -87,9 +95,9 @@ impl<Source: CellSource> Colony<Source> {
                 Seen::Suitable
             };
             seen[at] = seen[at].max(here as u8);
-            pellets[at] = pellets[at].max(self.pellets[index]);
+            pellets[at] = pellets[at].max(self.pellets_at(index));
             if nests[at] == 0 && flags & flag::NEST > 0 {
-                nests[at] = self.sets.peek(index as u32) + 1;
+                nests[at] = sets.peek(index as u32) + 1;
             }
         }
         let agents = self

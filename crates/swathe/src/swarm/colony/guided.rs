@@ -16,7 +16,7 @@ impl<Source: CellSource> Colony<Source> {
             if self.spent().is_some() {
                 break;
             }
-            self.tick(sent.iter().copied());
+            self.tick(sent);
         }
         // These visits were not random.
         self.quiet_visits = 0;

@@ -4,6 +4,9 @@
 //! knows yet are gathered before they are looked at, in parallel too; what follows from a rank is noted in order. Where the
 //! lines between threads run therefore changes nothing.
 
+use std::hint::black_box;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::grid::{Cell, EIGHT, FOUR, Step};
@@ -20,41 +23,81 @@ const VISITS_AHEAD: u64 = 1 << 18;
 /// Agents whose moves are worked out together.
 const BLOCK: usize = 64;
 
+/// Rows to the north and south of where an agent comes down that it is likely to walk on.
+const TOUCHED_ROWS: usize = 3;
+
 /// From this many moves, or looks, on several threads share them.
 const PARALLEL_MOVES: usize = 1 << 14;
 const PARALLEL_LOOKS: usize = 1 << 10;
-
-/// No cell: the agent rests in this tick.
-const NOWHERE: u32 = u32::MAX;
 
 /// The cells that agents visit in the next ticks: blocks of agents, in each block tick by tick.
 struct Ahead {
     ticks: usize,
     agents: usize,
     cells: Vec<u32>,
+    /// For each block and tick a bit for each visit that is not in vain: those that will change nothing, because the cell
+    /// was known and had no room for a pellet when the moves were worked out, need no second look.
+    busy: Vec<u64>,
 }
 
 impl Ahead {
-    /// The cells of one tick, agent by agent.
-    fn visits(&self, tick: usize) -> impl Iterator<Item = u32> + Clone {
-        let blocks = self.cells.chunks(BLOCK * self.ticks);
-        blocks
-            .flat_map(move |block| &block[tick * BLOCK..(tick + 1) * BLOCK])
-            .copied()
-            .take(self.agents)
+    /// Agents and the cells of their visits in one tick, agent by agent: those not in vain, or the others.
+    fn visits(&self, tick: usize, busy: bool) -> impl Iterator<Item = (usize, u32)> + Clone {
+        let blocks = self.cells.chunks(BLOCK * self.ticks).zip(self.busy.chunks(self.ticks));
+        blocks.enumerate().flat_map(move |(block, (cells, marks))| {
+            let crew = u64::MAX >> (BLOCK - BLOCK.min(self.agents - block * BLOCK));
+            let chosen = crew & if busy { marks[tick] } else { !marks[tick] };
+            places(chosen).map(move |place| (block * BLOCK + place, cells[tick * BLOCK + place]))
+        })
     }
+}
+
+/// The places of the bits that are set.
+fn places(word: u64) -> impl Iterator<Item = usize> + Clone {
+    let mut left = word;
+    std::iter::from_fn(move || {
+        let place = (left > 0).then_some(left.trailing_zeros() as usize);
+        left &= left.wrapping_sub(1);
+        place
+    })
 }
 
 impl<Source: CellSource> Colony<Source> {
     /// Spends at most `ticks` ticks, less when the swarm is over; at least one of one that is not.
     pub(super) fn spend(&mut self, ticks: u64) {
         let ahead = self.ahead(ticks);
-        for tick in 0..ahead.ticks {
-            if self.over().is_some() {
-                return;
-            }
-            self.tick(ahead.visits(tick));
+        let mut spent = 0;
+        while spent < ahead.ticks && self.over().is_none() {
+            let since_start = self.tally.ticks - self.epoch_start;
+            self.tally.ticks += 1;
+            self.tally.visits += ahead.agents as u64;
+            self.trace_idle(since_start, &ahead, spent);
+            self.serve(since_start, ahead.visits(spent, true));
+            spent += 1;
         }
+        if let Some(last) = spent.checked_sub(1) {
+            for (block, agents) in self.agents.chunks_mut(BLOCK).enumerate() {
+                let first = (block * ahead.ticks + last) * BLOCK;
+                agents.copy_from_slice(&ahead.cells[first..first + agents.len()]);
+            }
+        }
+    }
+
+    /// Notes the turns of agents whose visits are in vain.
+    fn trace_idle(&mut self, since_start: u64, ahead: &Ahead, tick: usize) {
+        if cfg!(test) {
+            for (agent, cell) in ahead.visits(tick, false) {
+                let arrival = self.params.arrival(agent as u32, since_start);
+                self.trace.arrive(since_start, Some(arrival));
+                let suitable = self.flags[cell as usize] & flag::SUITABLE > 0;
+                self.trace.enter_if(suitable, State::Count);
+                self.trace.enter(State::Forage);
+            }
+        }
+    }
+
+    fn counts_quiet(&self) -> bool {
+        matches!(self.rule, StopRule::Statistical { .. })
     }
 
     /// Works out where agents go, as far ahead as nothing that they find can turn them.
@@ -72,63 +115,120 @@ impl<Source: CellSource> Colony<Source> {
             extent: self.extent,
             params: &self.params,
             inside: |index: usize| self.flags[index] & GROUND == flag::INSIDE,
-            pellets: |index: usize| self.pellets[index],
+            pellets: |index: usize| self.pellets_at(index),
         };
+        // The statistical rule counts visits in vain, too.
+        let counts_quiet = self.counts_quiet();
         let first_tick = self.tally.ticks - self.epoch_start;
-        let mut cells = vec![NOWHERE; agents.div_ceil(BLOCK) * BLOCK * ticks];
-        let walk = |(block, cells): (usize, &mut [u32])| {
+        let blocks = agents.div_ceil(BLOCK);
+        let (mut cells, mut busy) = (vec![0; blocks * BLOCK * ticks], vec![0; blocks * ticks]);
+        let walk = |(block, (cells, busy)): (usize, (&mut [u32], &mut [u64]))| {
             let first = block * BLOCK;
-            let mut here = [0; BLOCK];
+            let mut here = [Cell::new(0, 0); BLOCK];
             let agents = &self.agents[first..agents.min(first + BLOCK)];
-            here[..agents.len()].copy_from_slice(agents);
-            for (tick, cells) in (first_tick..).zip(cells.chunks_mut(BLOCK)) {
-                for (agent, (here, cell)) in here.iter_mut().zip(cells).enumerate().take(agents.len()) {
-                    if let Some(index) = field.visit((first + agent) as u32, tick, *here as usize) {
-                        *here = index as u32;
-                        *cell = index as u32;
-                    }
+            for (here, &agent) in here.iter_mut().zip(agents) {
+                *here = self.geometry.cell(agent as usize);
+            }
+            let draws = self.draw_and_touch(
+                &field,
+                first..first + agents.len(),
+                first_tick..first_tick + ticks as u64,
+            );
+            let ticks = (first_tick..).zip(draws.chunks(agents.len()));
+            for (((tick, draws), cells), busy) in ticks.zip(cells.chunks_mut(BLOCK)).zip(busy) {
+                for (agent, ((here, cell), &draw)) in here.iter_mut().zip(cells).zip(draws).enumerate() {
+                    *here = field.visit((first + agent) as u32, tick, draw, *here);
+                    let index = self.geometry.index(*here);
+                    *cell = index as u32;
+                    *busy |= u64::from(counts_quiet || !is_vain(self.flags[index])) << agent;
                 }
             }
         };
         if agents * ticks < PARALLEL_MOVES {
-            cells.chunks_mut(BLOCK * ticks).enumerate().for_each(walk);
+            let blocks = cells.chunks_mut(BLOCK * ticks).zip(busy.chunks_mut(ticks));
+            blocks.enumerate().for_each(walk);
         } else {
-            cells.par_chunks_mut(BLOCK * ticks).enumerate().for_each(walk);
+            let blocks = cells.par_chunks_mut(BLOCK * ticks).zip(busy.par_chunks_mut(ticks));
+            blocks.enumerate().for_each(walk);
         }
-        Ahead { ticks, agents, cells }
+        Ahead {
+            ticks,
+            agents,
+            cells,
+            busy,
+        }
+    }
+
+    /// The numbers by which moves are decided, tick by tick. Ground on which agents will come down is touched, all of it one
+    /// after the other, so that the memory it lies in is on its way when the moves are made.
+    fn draw_and_touch<Inside: Fn(usize) -> bool, Pellets: Fn(usize) -> u8>(
+        &self,
+        field: &Field<Inside, Pellets>,
+        agents: Range<usize>,
+        ticks: Range<u64>,
+    ) -> Vec<[u32; 2]> {
+        let mut draws = Vec::with_capacity(agents.len() * (ticks.end - ticks.start) as usize);
+        let mut landings = Vec::new();
+        for tick in ticks {
+            for agent in agents.clone() {
+                let draw = self.params.draw(agent as u32, tick);
+                draws.push(draw);
+                if self.params.is_deployed(tick, draw) {
+                    landings.push(self.geometry.index(field.landing(agent as u32, tick, 1)));
+                }
+            }
+        }
+        let columns = self.geometry.columns();
+        let reach = if self.params.explore == Explore::Walk {
+            TOUCHED_ROWS
+        } else {
+            0
+        };
+        let mut sum = 0u8;
+        for landing in landings {
+            for row in 0..=2 * reach {
+                let index = (landing + row * columns).wrapping_sub(reach * columns);
+                sum ^= self.flags.get(index).copied().unwrap_or(0);
+            }
+        }
+        black_box(sum);
+        draws
     }
 
     /// One synchronous tick, given where each agent goes: look, drop, build.
-    pub(super) fn tick(&mut self, visits: impl Iterator<Item = u32> + Clone) {
+    pub(super) fn tick(&mut self, visits: &[u32]) {
         let since_start = self.tally.ticks - self.epoch_start;
         self.tally.ticks += 1;
+        self.tally.visits += visits.len() as u64;
+        self.agents[..visits.len()].copy_from_slice(visits);
+        self.serve(since_start, visits.iter().copied().enumerate());
+    }
+
+    /// What agents do on the cells that they visit in a tick: look, drop, build.
+    pub(super) fn serve(&mut self, since_start: u64, visits: impl Iterator<Item = (usize, u32)> + Clone) {
+        if self.params.explore != Explore::Permute || self.params.nest.contact == Contact::Overlap {
+            self.build_sets();
+        }
         let mut unseen = Vec::new();
-        for cell in visits.clone().filter(|&cell| cell != NOWHERE) {
+        for (_, cell) in visits.clone() {
             self.claim(cell as usize, &mut unseen);
         }
         self.look(&unseen);
         let mut full = Vec::new();
-        let counts_quiet = matches!(self.rule, StopRule::Statistical { .. });
-        for (agent, cell) in visits.enumerate() {
-            let arrival = (cell != NOWHERE).then(|| self.params.arrival(agent as u32, since_start));
-            self.trace.arrive(since_start, arrival);
-            if cell == NOWHERE {
-                continue;
-            }
-            self.tally.visits += 1;
-            self.agents[agent] = cell;
+        let counts_quiet = self.counts_quiet();
+        for (agent, cell) in visits {
+            let arrival = self.params.arrival(agent as u32, since_start);
+            self.trace.arrive(since_start, Some(arrival));
             let index = cell as usize;
-            let pellets = &mut self.pellets[index];
-            let suitable = self.flags[index] & flag::SUITABLE > 0;
-            self.trace.enter_if(suitable, State::Count);
-            if counts_quiet && arrival == Some(State::Deploy) {
-                let is_news = suitable && *pellets < self.params.pellet_max;
+            let flags = self.flags[index];
+            self.trace.enter_if(flags & flag::SUITABLE > 0, State::Count);
+            let is_news = flags & (flag::SUITABLE | flag::FULL) == flag::SUITABLE;
+            if counts_quiet && arrival == State::Deploy {
                 self.quiet_visits = if is_news { 0 } else { self.quiet_visits + 1 };
             }
-            if suitable && *pellets < self.params.pellet_max {
-                *pellets += 1;
+            if is_news {
                 self.trace.enter(State::Drop);
-                if *pellets == self.params.pellet_max {
+                if self.drop_pellet(index) {
                     full.push(self.geometry.cell(index));
                     self.trace.enter(State::Build);
                 }
@@ -200,6 +300,9 @@ impl<Source: CellSource> Colony<Source> {
         for &cell in &full {
             self.trace.enter_at(cell, State::Build);
         }
+        if self.params.explore == Explore::Permute {
+            self.look_around(&full);
+        }
         for step in 0..self.vicinity.len() {
             full.retain(|&cell| {
                 let flags = self.flags[self.geometry.index(cell)];
@@ -216,7 +319,7 @@ impl<Source: CellSource> Colony<Source> {
                 let known = near.is_none_or(|near| self.claim(self.geometry.index(near), &mut unseen));
                 if !known {
                     // A test that the budget cuts short is made again after the next pellet.
-                    self.pellets[self.geometry.index(cell)] -= 1;
+                    self.take_pellet(self.geometry.index(cell));
                 }
                 known
             });
@@ -235,6 +338,20 @@ impl<Source: CellSource> Colony<Source> {
                 self.trace.enter(State::Forage);
             }
         }
+    }
+
+    /// Looks at the whole vicinity of foci. What a permuting swarm knows is thereby decided by its visits alone, whatever
+    /// order they came in, so that those of a tile can be made at once.
+    fn look_around(&mut self, foci: &[Cell]) {
+        let mut unseen = Vec::new();
+        for &focus in foci {
+            for step in 0..self.vicinity.len() {
+                if let Some(near) = self.vicinity[step].from(&self.geometry, focus) {
+                    self.claim(self.geometry.index(near), &mut unseen);
+                }
+            }
+        }
+        self.look(&unseen);
     }
 
     /// Makes the vicinity of a core ground of its nest.
@@ -263,6 +380,9 @@ impl<Source: CellSource> Colony<Source> {
             return;
         }
         self.flags[index] |= flag::NEST;
+        if self.sets.is_empty() {
+            return;
+        }
         let touching: &[Step] = match self.params.nest.contact {
             Contact::Overlap => &[],
             Contact::Edge => &FOUR,
@@ -278,6 +398,11 @@ impl<Source: CellSource> Colony<Source> {
             }
         }
     }
+}
+
+/// Whether a visit to a cell with these flags changes nothing: it is known, and has no room for a pellet.
+fn is_vain(flags: u8) -> bool {
+    flags & flag::EVALUATED > 0 && flags & (flag::SUITABLE | flag::FULL) != flag::SUITABLE
 }
 
 #[cfg(test)]
