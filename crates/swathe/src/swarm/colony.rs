@@ -2,8 +2,11 @@
 
 mod changes;
 mod frame;
+mod ground;
 mod guided;
+mod pellets;
 mod planes;
+mod stop;
 mod sweep;
 mod tick;
 mod trace;
@@ -15,7 +18,7 @@ use crate::rank::CellSource;
 
 use super::agents::Extent;
 use super::itinerary::Itinerary;
-use super::{Budget, Explore, State, StopRule, SwarmError, SwarmParams};
+use super::{Budget, State, StopRule, SwarmError, SwarmParams};
 
 pub use frame::{Frame, FrameTicks, Seen};
 
@@ -174,161 +177,11 @@ impl<Source: CellSource> Colony<Source> {
         Ok(colony)
     }
 
-    /// Enlarges the swathe; nothing that is known is evaluated again. Cells that could not be cores only because the old
-    /// swathe ended beside them may become cores now; cores that counted on suitable ground beyond it must be found again.
-    ///
-    /// # Errors
-    /// [`SwarmError::Grid`] when the mask does not fit the map.
-    pub fn widen(&mut self, inside: &Layer<bool>) -> Result<(), SwarmError> {
-        let mask = inside.data();
-        Layer::new(self.geometry, vec![(); mask.len()], "the swathe")?;
-        for (flags, &inside) in self.flags.iter_mut().zip(mask) {
-            *flags |= u8::from(inside) * flag::INSIDE;
-        }
-        self.extent = self.ground_box().unwrap_or(self.extent);
-        self.epoch_start = self.tally.ticks;
-        self.ground_cells = self
-            .flags
-            .iter()
-            .map(|flags| u64::from(flags & GROUND == flag::INSIDE))
-            .sum();
-        self.quiet_visits = 0;
-        self.itinerary =
-            (self.params.explore == Explore::Permute).then(|| Itinerary::new(self.extent, self.params.seed));
-        let lost = self.uncore_the_leaning();
-        self.reopen();
-        self.forget_cores(&lost);
-        Ok(())
-    }
-
-    /// The smallest box that holds the agents' ground.
-    fn ground_box(&self) -> Option<Extent> {
-        let ground = |flags: &u8| flags & GROUND == flag::INSIDE;
-        let columns = self.geometry.columns();
-        let (mut first, mut last) = ((usize::MAX, usize::MAX), (0, 0));
-        for (row, flags) in self.flags.chunks(columns).enumerate() {
-            if let (Some(west), Some(east)) = (flags.iter().position(ground), flags.iter().rposition(ground)) {
-                first = (first.0.min(row), first.1.min(west));
-                last = (row, last.1.max(east));
-            }
-        }
-        (first.0 != usize::MAX).then(|| Extent {
-            row: first.0,
-            column: first.1,
-            rows: last.0 - first.0 + 1,
-            columns: last.1 - first.1 + 1,
-        })
-    }
-
-    /// Takes the cores that counted on ground beyond the swathe which nobody has looked at for cores no more, and returns
-    /// them.
-    fn uncore_the_leaning(&mut self) -> Vec<Cell> {
-        let mut lost = Vec::new();
-        if !self.params.nest.border_suitable || self.tally.cores == 0 {
-            return lost;
-        }
-        for index in 0..self.flags.len() {
-            if self.flags[index] & flag::CORE > 0 && self.leans_on_the_border(index) {
-                self.flags[index] &= !flag::CORE;
-                lost.push(self.geometry.cell(index));
-            }
-        }
-        lost
-    }
-
-    /// Decides of every cell of the swathe but the cores whether it may be a core, a word of cells at a time: as
-    /// [`Self::may_be_core`] does for one.
-    fn reopen(&mut self) {
-        let border = self.params.nest.border_suitable;
-        let kind = BitRows::at_least(self.geometry, &self.flags, 1, |flags| {
-            let known_bad = flags & (flag::EVALUATED | flag::SUITABLE) == flag::EVALUATED;
-            let is_inside = flags & flag::INSIDE > 0;
-            u8::from((is_inside && !known_bad) || (!is_inside && border))
-        });
-        let possible = kind.eroded(&self.vicinity, border);
-        let columns = self.geometry.columns();
-        self.open = 0;
-        for (row, flags) in self.flags.chunks_mut(columns).enumerate() {
-            for (flags, &word) in flags.chunks_mut(64).zip(possible.row(row)) {
-                let mut open = 0u8;
-                for (flags, possible) in flags.iter_mut().zip(planes::spread(word)) {
-                    let settled = *flags & (flag::INSIDE | flag::CORE) != flag::INSIDE;
-                    let opens = possible > 0 && *flags & flag::HALO == 0;
-                    // A count of pellets that is full would never trigger the test again.
-                    let reopened = *flags & !(flag::DEAD | flag::FULL);
-                    let decided = if opens { reopened } else { *flags | flag::DEAD };
-                    open += u8::from(opens && !settled);
-                    *flags = if settled { *flags } else { decided };
-                }
-                self.open += u64::from(open);
-            }
-        }
-        for (pellets, flags) in self.pellets.iter_mut().zip(&self.flags) {
-            if flags & (flag::INSIDE | flag::CORE | flag::DEAD) == flag::INSIDE {
-                *pellets = 0;
-            }
-        }
-    }
-
     /// Watches for the tick in which two cells come into one nest.
     pub fn watch(&mut self, a: Cell, b: Cell) {
         self.build_sets();
         self.watched = Some((self.geometry.index(a), self.geometry.index(b)));
         self.note_connection();
-    }
-
-    /// Forgets whether the watched cells were connected and watches others.
-    pub(crate) fn watch_instead(&mut self, a: Cell, b: Cell) {
-        self.tally.connected_at = None;
-        self.watch(a, b);
-    }
-
-    /// Sets when the swarm stops and what it may spend in all, ticks and evaluations of the past included. Never a cell more
-    /// than the budget allows is evaluated.
-    ///
-    /// # Errors
-    /// [`SwarmError::Parameter`] when the rule's numbers are not usable.
-    pub fn stop_by(&mut self, rule: StopRule, budget: Budget) -> Result<(), SwarmError> {
-        rule.validate()?;
-        (self.rule, self.budget, self.quiet_visits) = (rule, budget, 0);
-        Ok(())
-    }
-
-    /// Which budget is spent.
-    pub fn spent(&self) -> Option<Ending> {
-        if self
-            .budget
-            .evaluations
-            .is_some_and(|most| self.tally.cells_evaluated >= most)
-        {
-            Some(Ending::EvaluationsSpent)
-        } else if self.budget.ticks.is_some_and(|most| self.tally.ticks >= most) {
-            Some(Ending::TicksSpent)
-        } else {
-            None
-        }
-    }
-
-    /// Random visits in a row without news that end this swarm, where its rule is the statistical one.
-    pub fn quiet_visits_needed(&self) -> Option<u64> {
-        self.rule.quiet_visits(self.ground_cells, self.params.pellet_max)
-    }
-
-    /// Why no further tick is due.
-    fn over(&self) -> Option<Ending> {
-        let by_rule = match self.rule {
-            StopRule::Finished => None,
-            StopRule::Good | StopRule::Connected => self.tally.connected_at.map(|_| Ending::Connected),
-            StopRule::Statistical { .. } => self
-                .quiet_visits_needed()
-                .filter(|&needed| self.quiet_visits >= needed)
-                .map(|_| Ending::Statistical),
-        };
-        if self.open == 0 {
-            Some(Ending::Finished)
-        } else {
-            by_rule.or_else(|| self.spent())
-        }
     }
 
     /// Runs until the swarm is finished, its rule or budget ends it ([`Self::stop_by`]), `ticks` are over, or `report`
@@ -383,41 +236,6 @@ impl<Source: CellSource> Colony<Source> {
     /// The cells of the swathe.
     pub fn is_inside(&self, cell: Cell) -> bool {
         self.flags[self.geometry.index(cell)] & flag::INSIDE > 0
-    }
-
-    /// Pellets on a cell.
-    pub fn pellets(&self, cell: Cell) -> u8 {
-        self.pellets_at(self.geometry.index(cell))
-    }
-
-    fn pellets_at(&self, index: usize) -> u8 {
-        let full = u8::from(self.flags[index] & flag::FULL > 0);
-        self.pellets.get(index).copied().unwrap_or(full)
-    }
-
-    fn clear_pellets(&mut self, index: usize) {
-        self.flags[index] &= !flag::FULL;
-        if let Some(pellets) = self.pellets.get_mut(index) {
-            *pellets = 0;
-        }
-    }
-
-    /// Adds a pellet to a cell that is not full; returns whether it is full now.
-    fn drop_pellet(&mut self, index: usize) -> bool {
-        let full = self.pellets.get_mut(index).is_none_or(|pellets| {
-            *pellets += 1;
-            *pellets == self.params.pellet_max
-        });
-        self.flags[index] |= u8::from(full) * flag::FULL;
-        full
-    }
-
-    /// Takes a pellet back from a cell that was full.
-    fn take_pellet(&mut self, index: usize) {
-        self.flags[index] &= !flag::FULL;
-        if let Some(pellets) = self.pellets.get_mut(index) {
-            *pellets = pellets.saturating_sub(1);
-        }
     }
 
     /// Cells of the agents.
@@ -482,33 +300,6 @@ impl<Source: CellSource> Colony<Source> {
             Ok(nests) if nests.count() > 0 => sets_of(&nests),
             _ => UnionFind::new(self.geometry.cell_count()),
         };
-    }
-
-    /// Whether nothing that is known keeps a cell from being a core.
-    fn may_be_core(&self, index: usize) -> bool {
-        if self.flags[index] & flag::HALO > 0 {
-            return false;
-        }
-        let cell = self.geometry.cell(index);
-        self.vicinity.iter().all(|step| {
-            let near = step
-                .from(&self.geometry, cell)
-                .map(|near| self.flags[self.geometry.index(near)]);
-            match near {
-                Some(flags) if flags & flag::INSIDE > 0 => {
-                    flags & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
-                }
-                _ => self.params.nest.border_suitable,
-            }
-        })
-    }
-
-    /// Whether ground that was beyond the swathe and counted as suitable is inside now, and nobody has looked at it.
-    fn leans_on_the_border(&self, core: usize) -> bool {
-        let cell = self.geometry.cell(core);
-        let near = self.vicinity.iter().filter_map(|step| step.from(&self.geometry, cell));
-        let mut flags = near.map(|near| self.flags[self.geometry.index(near)]);
-        self.params.nest.border_suitable && flags.any(|flags| flags & (flag::INSIDE | flag::EVALUATED) == flag::INSIDE)
     }
 
     /// Whether the watched cells lie in one nest.

@@ -218,7 +218,11 @@ fn each_rule_is_named_by_what_ended_the_search() {
         assert_eq!(connected.0, StoppedBy::Connected, "{arc:?}");
         assert_eq!(finished.0, StoppedBy::Finished);
         assert!(connected.1 <= good.1 && good.1 <= finished.1, "{arc:?}");
-        assert_eq!(by(Some(LOOSE)).0, StoppedBy::Statistical);
+        // So few cells may be finished first.
+        assert!(matches!(
+            by(Some(LOOSE)).0,
+            StoppedBy::Statistical | StoppedBy::Finished
+        ));
     }
 }
 
