@@ -102,6 +102,7 @@ impl CoreError {
             }
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
             Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
+            Self::Planner(PlannerError::Drivable { .. }) => Class::Parameter("Leave it out for the usual value."),
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }
@@ -309,6 +310,10 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("planner.neighbours", PlannerError::Neighbours { given: 5 }.into()),
         ("planner.weight", PlannerError::Weight { weight: 0.5 }.into()),
+        (
+            "planner.drivable",
+            PlannerError::Drivable { name, given, allowed }.into(),
+        ),
         (
             "planner.not_a_place",
             PlannerError::NotAPlace {

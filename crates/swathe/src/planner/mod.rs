@@ -2,6 +2,7 @@
 
 mod answer;
 mod cells;
+mod drivable;
 mod ground;
 mod guided;
 mod lazy_astar;
@@ -23,6 +24,9 @@ use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
+pub use drivable::{
+    CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, Pose, drivable_path, dubins, reeds_shepp,
+};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use plan::plan;
@@ -72,6 +76,16 @@ pub enum PlannerError {
     Weight {
         /// The value given.
         weight: f64,
+    },
+    /// A figure of a drivable path that is not usable.
+    #[error("A {name} of {given} is not usable: {allowed}.")]
+    Drivable {
+        /// What it is.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]
