@@ -92,7 +92,8 @@ impl CoreError {
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
-                | PlannerError::Swarm(SwarmError::Parameter { .. }),
+                | PlannerError::Swarm(SwarmError::Parameter { .. })
+                | PlannerError::Drivable { .. },
             ) => Class::Parameter("Leave it out for the usual value."),
             Self::Nest(error)
             | Self::Swarm(SwarmError::Nest(error))
@@ -102,7 +103,6 @@ impl CoreError {
             }
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
             Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
-            Self::Planner(PlannerError::Drivable { .. }) => Class::Parameter("Leave it out for the usual value."),
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }

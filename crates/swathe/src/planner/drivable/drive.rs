@@ -126,11 +126,10 @@ impl<'a, 'g> Drive<'a, 'g> {
     /// A curve to one of some poses: the first that can be driven, the cheapest on level ground first.
     pub(super) fn shot(&self, from: Pose, goals: &[Pose], inside: Option<&Layer<bool>>) -> Option<Step> {
         let radius_m = self.radius_m();
-        let cusp = self.cusp_cost / (self.ground.least_cost_per_m() * radius_m);
         let mut found: Vec<(f64, Word, Pose)> = Vec::new();
         for &to in goals {
             for word in words(from, to, radius_m) {
-                found.push((word.weighted(self.params.reverse_factor, cusp), word, to));
+                found.push((self.weighted(&word), word, to));
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -152,6 +151,22 @@ impl<'a, 'g> Drive<'a, 'g> {
             }
         }
         None
+    }
+
+    /// Length of a word in turning radii, reversing and changes of direction counted at their cost.
+    fn weighted(&self, word: &Word) -> f64 {
+        let cusp = self.cusp_cost / (self.ground.least_cost_per_m() * self.radius_m());
+        word.weighted(self.params.reverse_factor, cusp)
+    }
+
+    /// What the cheapest curve between two poses costs where the ground is at its best.
+    pub(super) fn curve_cost(&self, from: Pose, to: Pose) -> f64 {
+        let words = words(from, to, self.radius_m());
+        let least = words
+            .iter()
+            .map(|word| self.weighted(word))
+            .fold(f64::INFINITY, f64::min);
+        least * self.radius_m() * self.ground.least_cost_per_m()
     }
 
     /// Puts steps together into a path; `None` when an arc cannot be driven, which the search has excluded.

@@ -10,12 +10,9 @@ use std::f64::consts::TAU;
 use crate::grid::Position;
 use crate::progress::Report;
 
-use super::curves::{CurveArc, Pose, principal, reeds_shepp};
+use super::curves::{CurveArc, Pose, principal};
 use super::drive::{Drive, Step};
 use super::field::Field;
-
-/// Headings of the lattice.
-const HEADINGS: f64 = 48.0;
 
 /// Side of a cell of the lattice in steps: a straight step always leaves its cell.
 const SIDE_STEPS: f64 = 0.7;
@@ -24,7 +21,7 @@ const SIDE_STEPS: f64 = 0.7;
 const CURVATURES: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 
 /// Headings of a free start or goal.
-const FREE_HEADINGS: u32 = 16;
+const FREE_HEADINGS: u32 = 12;
 
 /// Anchors ahead that are shot at.
 const ANCHORS_AHEAD: usize = 3;
@@ -32,8 +29,9 @@ const ANCHORS_AHEAD: usize = 3;
 /// Within this many turning radii of the goal it is shot at, and the bound knows its heading.
 const NEAR_GOAL_RADII: f64 = 10.0;
 
-/// Curves are shot from every such expansion of a pose that was reached by a short arc.
+/// Of the poses that were reached by a short arc, curves are shot from every third, and from ever fewer as the search goes on.
 const SHOTS_EVERY: usize = 3;
+const EXPANSIONS_PER_SHOT: usize = 1000;
 
 /// Expansions between two reports.
 const EXPANSIONS_PER_REPORT: usize = 256;
@@ -117,6 +115,8 @@ pub(super) struct Hybrid<'a, 'g> {
     goal_is_free: bool,
     anchors: Vec<Anchor>,
     step_m: f64,
+    /// Headings of the lattice: the gentlest step turns by one of them.
+    headings: f64,
     states: Vec<State>,
     best: HashMap<[i32; 4], f64>,
     queue: BinaryHeap<Entry>,
@@ -150,6 +150,7 @@ impl<'a, 'g> Hybrid<'a, 'g> {
             goal_is_free: goal_heading.is_none(),
             anchors: Vec::new(),
             step_m: step * drive.radius_m(),
+            headings: (2.0 * TAU / step).round(),
             states: Vec::new(),
             best: HashMap::new(),
             queue: BinaryHeap::new(),
@@ -193,7 +194,7 @@ impl<'a, 'g> Hybrid<'a, 'g> {
                 return Ended::TooMany(nearest);
             }
             let by_arc = matches!(self.states[index].how, How::Arc(_));
-            if !by_arc || expanded % SHOTS_EVERY == 0 {
+            if !by_arc || expanded % (SHOTS_EVERY + expanded / EXPANSIONS_PER_SHOT) == 0 {
                 self.shoot(state);
             }
             self.go_on(state);
@@ -241,11 +242,11 @@ impl<'a, 'g> Hybrid<'a, 'g> {
         let ahead = first..self.anchors.len().min(first + ANCHORS_AHEAD);
         let mut shots = Vec::new();
         if pose.position().distance_m(goal.position()) < near || ahead.len() < ANCHORS_AHEAD {
-            shots.extend(
-                self.drive
-                    .shot(pose, &self.goals_from(pose), inside)
-                    .map(|step| (step, true)),
-            );
+            // A free goal is entered as it comes, and with other headings only where that cannot be.
+            let first = self.straight_in(pose, goal.position());
+            let shot = self.drive.shot(pose, &first, inside);
+            let shot = shot.or_else(|| self.drive.shot(pose, &self.goals, inside));
+            shots.extend(shot.map(|step| (step, true)));
         }
         for anchor in &self.anchors[ahead] {
             shots.extend(self.drive.shot(pose, &[anchor.pose], inside).map(|step| (step, false)));
@@ -261,29 +262,20 @@ impl<'a, 'g> Hybrid<'a, 'g> {
         }
     }
 
-    /// The goal's poses; a free one may also be entered as it is seen.
-    fn goals_from(&self, pose: Pose) -> Vec<Pose> {
-        let mut goals = self.goals.clone();
-        if self.goal_is_free {
-            let goal = self.goals[0].position();
-            let towards = bearing(pose.position(), goal);
-            goals.push(Pose::new(goal, towards));
-            goals.extend(self.straight_in(pose, goal).into_iter().flatten());
+    /// The poses with which a turn to either side and a straight line lead to a free goal.
+    fn straight_in(&self, pose: Pose, goal: Position) -> Vec<Pose> {
+        if !self.goal_is_free {
+            return Vec::new();
         }
-        goals
-    }
-
-    /// The headings with which a turn to either side and a straight line lead to a place.
-    fn straight_in(&self, pose: Pose, goal: Position) -> [Option<Pose>; 2] {
         let radius_m = self.drive.radius_m();
-        [1.0, -1.0].map(|side: f64| {
+        let turned = [1.0, -1.0].map(|side: f64| {
             let (sin, cos) = pose.heading_rad.sin_cos();
             let (x, y) = (pose.x_m - side * radius_m * sin, pose.y_m + side * radius_m * cos);
             let (dx, dy) = (goal.x_m - x, goal.y_m - y);
-            let distance_m = dx.hypot(dy);
-            let sine = radius_m / distance_m;
+            let sine = radius_m / dx.hypot(dy);
             (sine <= 1.0).then(|| Pose::new(goal, principal(dy.atan2(dx) + side * sine.asin())))
-        })
+        });
+        turned.into_iter().flatten().collect()
     }
 
     /// Notes a state, unless its cell of the lattice is known to be reached for less.
@@ -346,9 +338,7 @@ impl<'a, 'g> Hybrid<'a, 'g> {
         let mut hope = straight.max(graph);
         let near_m = NEAR_GOAL_RADII * self.drive.radius_m();
         if !self.goal_is_free && pose.position().distance_m(goal.position()) < near_m {
-            let arcs = reeds_shepp(pose, goal, self.drive.radius_m());
-            let length_m: f64 = arcs.iter().map(|arc| arc.length_m.abs()).sum();
-            hope = hope.max(self.drive.ground.least_cost_per_m() * length_m);
+            hope = hope.max(self.drive.curve_cost(pose, goal));
         }
         hope
     }
@@ -362,7 +352,7 @@ impl<'a, 'g> Hybrid<'a, 'g> {
     fn cell(&self, pose: Pose, reverse: bool) -> [i32; 4] {
         let side_m = SIDE_STEPS * self.step_m;
         let origin = self.starts[0];
-        let heading = (pose.heading_rad.rem_euclid(TAU) / TAU * HEADINGS).round() % HEADINGS;
+        let heading = (pose.heading_rad.rem_euclid(TAU) / TAU * self.headings).round() % self.headings;
         [
             ((pose.x_m - origin.x_m) / side_m).floor() as i32,
             ((pose.y_m - origin.y_m) / side_m).floor() as i32,

@@ -28,12 +28,12 @@ pub(super) fn smooth(drive: &Drive, field: &Field, mut steps: Vec<Step>, report:
                     let one = drive.shot(first.from, &[second.to], inside)?;
                     let old = first.cost
                         + second.cost
-                        + cusps(drive, &[before, first.begins_reverse()])
-                        + cusps(drive, &[first.ends_reverse(), second.begins_reverse()])
-                        + cusps(drive, &[second.ends_reverse(), after]);
+                        + cusps(drive, [before, first.begins_reverse()])
+                        + cusps(drive, [first.ends_reverse(), second.begins_reverse()])
+                        + cusps(drive, [second.ends_reverse(), after]);
                     let new = one.cost
-                        + cusps(drive, &[before, one.begins_reverse()])
-                        + cusps(drive, &[one.ends_reverse(), after]);
+                        + cusps(drive, [before, one.begins_reverse()])
+                        + cusps(drive, [one.ends_reverse(), after]);
                     (new <= old * (1.0 + 1e-12)).then_some(one)
                 })
                 .flatten();
@@ -50,7 +50,7 @@ pub(super) fn smooth(drive: &Drive, field: &Field, mut steps: Vec<Step>, report:
 }
 
 /// Cost of the change of direction between two steps.
-fn cusps(drive: &Drive, [before, after]: &[Option<bool>; 2]) -> f64 {
+fn cusps(drive: &Drive, [before, after]: [Option<bool>; 2]) -> f64 {
     match (before, after) {
         (Some(before), Some(after)) if before != after => drive.cusp_cost,
         _ => 0.0,
