@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from swathe.rank import Region
 
+PathKind = Literal["grid8", "grid16", "any-angle"]
 Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
 
 
@@ -32,6 +33,21 @@ class Path:
     """A cheapest way over cells: its cells from start to goal, its cost and its length in metres."""
 
     cells: list[Cell]
+    cost: float
+    length_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class AnyAnglePath:
+    """A way of straight segments at any angle.
+
+    Attributes:
+        points: (n, 2) vertices from start to goal as row and column; whole numbers are the centres of cells.
+        cost: the integral of the cost per metre along the segments.
+        length_m: their length in metres.
+    """
+
+    points: NDArray[np.float64]
     cost: float
     length_m: float
 
@@ -82,26 +98,126 @@ def shortest_path(
     costs = _costs(cells)
     if neighbours not in (8, 16):
         raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
-    if corners not in ("keep", "cut"):
-        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    _require_corners(corners)
     if method not in ("auto", "astar", "dijkstra"):
         raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, astar or dijkstra.")
     cell_size_m = require_length(cell_size_m)
-    ends = {"start": _cell(start, costs.shape), "goal": _cell(goal, costs.shape)}
-    for name, cell in ends.items():
-        if not math.isfinite(costs[cell]):
-            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
-            status: Status = "start_blocked" if name == "start" else "goal_blocked"
-            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
-    found = _core.shortest_path(
-        costs, ends["start"], ends["goal"], cell_size_m, neighbours, method, corners == "cut", None
-    )
+    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
+    blocked = _blocked_end(costs, first, last)
+    if blocked is not None:
+        return blocked
+    found = _core.shortest_path(costs, first, last, cell_size_m, neighbours, method, corners == "cut", None)
     if found is None:
-        return NoRoute("no_route", "Closed cells separate start and goal.")
+        return NoRoute("no_route", _SEPARATED)
     way, cost = found
     steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
     length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m) if len(way) > 1 else 0.0
     return Path([Cell(*cell) for cell in way], cost, length_m)
+
+
+def any_angle_path(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    method: Literal["auto", "theta", "eikonal"] = "auto",
+    corners: Literal["keep", "cut"] = "keep",
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> AnyAnglePath | NoRoute:
+    """Return a cheap way of straight segments at any angle from the centre of ``start`` to the centre of ``goal``.
+
+    Args:
+        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+        start: row and column of the first cell.
+        goal: row and column of the last cell.
+        cell_size_m: side of a cell.
+        method: ``theta`` refines what Lazy Theta* and the search over 16 neighbours find, ``eikonal`` the way down the
+            eikonal field; ``auto`` takes the cheapest of all.
+        corners: ``keep`` lets no segment touch a closed cell, not even at a corner; ``cut`` allows it.
+        on_progress: called with stage, work done and work expected; returning False stops with an error.
+
+    The cost is the integral of the cost per metre along the segments, so it is never less than that of a cheapest way;
+    with ``auto`` and ``theta`` it is never more than that of ``shortest_path``. How near it comes to the cheapest is
+    measured in docs/any-angle.md. Where corners are cut, ``eikonal`` alone finds only ways that share sides of cells.
+
+    >>> import numpy as np
+    >>> any_angle_path(np.ones((4, 5)), (0, 0), (3, 4)).cost
+    5.0
+
+    Raises:
+        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    costs = _costs(cells)
+    if method not in ("auto", "theta", "eikonal"):
+        raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, theta or eikonal.")
+    _require_corners(corners)
+    cell_size_m = require_length(cell_size_m)
+    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
+    blocked = _blocked_end(costs, first, last)
+    if blocked is not None:
+        return blocked
+    found = _core.any_angle_path(costs, first, last, cell_size_m, method, corners == "cut", on_progress)
+    if found is None:
+        return NoRoute("no_route", _SEPARATED)
+    way, cost = found
+    points = np.asarray(way, dtype=np.float64)
+    steps = np.diff(points, axis=0)
+    return AnyAnglePath(points, cost, float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m))
+
+
+def eikonal_field(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> NDArray[np.float64]:
+    """Return the costs from the centre of ``start`` to the centre of every cell, as if any heading could be taken.
+
+    Args:
+        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+        start: row and column of the start.
+        cell_size_m: side of a cell.
+        on_progress: called with stage, work done and work expected; returning False stops with an error.
+
+    The values solve the eikonal equation by fast marching (Sethian 1996, 1999), of second order where the cost is
+    smooth. Right for costs that change little from cell to cell; docs/any-angle.md tells the errors. Infinite where no
+    way of steps along rows and columns leads, and everywhere when the start is closed.
+
+    >>> import numpy as np
+    >>> eikonal_field(np.ones((1, 4)), (0, 0))
+    array([[0., 1., 2., 3.]])
+
+    Raises:
+        UsageError: a cost is negative, or the start lies outside.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    costs = _costs(cells)
+    cell_size_m = require_length(cell_size_m)
+    first = _cell(start, costs.shape)
+    field: NDArray[np.float64] = _core.eikonal_field(costs, first, cell_size_m, on_progress)
+    return field
+
+
+#: Why no way leads from one open cell to another.
+_SEPARATED = "Closed cells separate start and goal."
+
+
+def _require_corners(corners: str) -> None:
+    if corners not in ("keep", "cut"):
+        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+
+
+def _blocked_end(costs: NDArray[np.float64], start: Cell, goal: Cell) -> NoRoute | None:
+    """Return the refusal when start or goal is closed."""
+    for name, cell in (("start", start), ("goal", goal)):
+        if not math.isfinite(costs[cell]):
+            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
+            status: Status = "start_blocked" if name == "start" else "goal_blocked"
+            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
+    return None
 
 
 def _costs(cells: ArrayLike) -> NDArray[np.float64]:
@@ -197,7 +313,7 @@ class Plan:
         reason: why there is none, in one sentence.
         place: where.
         remedy: the nearest thing that would change it.
-        path: cells of the way before shortcuts.
+        path: cells of the way over the grid, before shortcuts and refinement.
         path_cost: its cost in seconds.
         cost_lower_bound: no way from start to goal costs less.
         optimal: whether the way is known to be the best of the whole map.
@@ -234,6 +350,7 @@ def plan(
     method: Literal["swarm", "exact"] = "swarm",
     swarm: SwarmParams | None = None,
     corridor: CorridorParams | None = None,
+    path: PathKind = "grid16",
     bridge: bool = False,
     certify: bool = False,
     map_continues: bool = False,
@@ -248,6 +365,8 @@ def plan(
         method: ``swarm`` in a swathe around an arc, or ``exact`` over the whole map.
         swarm: the swarm's parameters; its nest parameters hold for ``exact`` too.
         corridor: arc and width of the swathe.
+        path: what the route is made of. ``grid8``: steps to 8 neighbours as they are; ``grid16``: steps to 16 neighbours,
+            then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
         map_continues: whether there is more map beyond the region, which limits what can be certified.
@@ -267,6 +386,7 @@ def plan(
         "arc": corridor.arc,
         "sagitta_m": corridor.sagitta_m,
         "width_m": corridor.width_m,
+        "path": path,
         "bridge": bridge,
         "certify": certify,
     }

@@ -1,12 +1,15 @@
 //! The planner.
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
-use swathe::planner::{Algorithm, Corners, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
+use swathe::planner::{
+    Algorithm, AnyAngleMethod, Corners, LazyRequest, Leg, PathKind, Plan, PlanRequest, Search, SegmentFacts, Stage,
+    Status, Way, WaySearch,
+};
 
-use crate::convert::{arc_kind, entry, geometry, method, nest_params, position, swarm_params, values};
+use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
 use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
@@ -14,6 +17,7 @@ use crate::region::Region;
 use crate::swarm::tally_dict;
 
 type Places = Option<(Vec<(usize, usize)>, f64)>;
+type Vertices = Option<(Vec<(f64, f64)>, f64)>;
 
 /// (cells, cost) of a cheapest way over costs per metre, or None.
 #[pyfunction]
@@ -59,6 +63,87 @@ pub(crate) fn shortest_path<'py>(
         Search::Unreachable => Ok(None),
         Search::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
     }
+}
+
+/// ([(row, column)], cost) of a cheap way at any angle over costs per metre, or None; cell centres are whole numbers.
+#[pyfunction]
+#[pyo3(signature = (costs, start, goal, cell_size_m, method, cut_corners, report))]
+#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
+pub(crate) fn any_angle_path<'py>(
+    py: Python<'py>,
+    costs: PyReadonlyArray2<'py, f64>,
+    start: (usize, usize),
+    goal: (usize, usize),
+    cell_size_m: f64,
+    method: &str,
+    cut_corners: bool,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Vertices> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
+    let known = [
+        ("auto", AnyAngleMethod::Auto),
+        ("theta", AnyAngleMethod::Theta),
+        ("eikonal", AnyAngleMethod::Eikonal),
+    ];
+    let method = word("method", method, &known)?;
+    let corners = if cut_corners { Corners::Cut } else { Corners::Keep };
+    let data = values(&costs)?;
+    let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<WaySearch, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        Ok(swathe::planner::any_angle_path(
+            costs, start, goal, corners, method, &mut tell,
+        )?)
+    });
+    match told.settle(result.map_err(PyErr::from))? {
+        WaySearch::Found(Way { points, cost }) => {
+            let places = points.iter().map(|&point| grid.fractional(point));
+            Ok(Some((
+                places.map(|(row, column)| (row - 0.5, column - 0.5)).collect(),
+                cost,
+            )))
+        }
+        WaySearch::Unreachable => Ok(None),
+        WaySearch::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+    }
+}
+
+/// Eikonal costs from a cell to every cell, infinite where none leads.
+#[pyfunction]
+#[pyo3(signature = (costs, start, cell_size_m, report))]
+pub(crate) fn eikonal_field<'py>(
+    py: Python<'py>,
+    costs: PyReadonlyArray2<'py, f64>,
+    start: (usize, usize),
+    cell_size_m: f64,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
+    let data = values(&costs)?;
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<Vec<f64>, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        Ok(swathe::planner::eikonal_field(
+            costs,
+            Cell::new(start.0, start.1),
+            &mut tell,
+        )?)
+    });
+    array(py, grid, told.settle(result.map_err(PyErr::from))?)
+}
+
+fn path_kind(given: &str) -> PyResult<PathKind> {
+    let known = [
+        ("grid8", PathKind::Grid8),
+        ("grid16", PathKind::Grid16),
+        ("any-angle", PathKind::AnyAngle),
+    ];
+    word("path", given, &known)
 }
 
 /// Lazy A* through nests: a dictionary of `cells` and `cost` (None without a way), `cells_evaluated`, `cells_expanded`.
@@ -121,6 +206,7 @@ pub(crate) fn plan<'py>(
         swarm: swarm_params(request)?,
         arc: arc_kind(&entry::<String>(request, "arc")?, entry(request, "sagitta_m")?)?,
         width_m: entry(request, "width_m")?,
+        path: path_kind(&entry::<String>(request, "path")?)?,
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
     };

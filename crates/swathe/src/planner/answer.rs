@@ -6,6 +6,7 @@ use crate::nest::Nests;
 use crate::swarm::{SwarmParams, Tally};
 
 use super::SegmentFacts;
+use super::path_kind::PathKind;
 use super::refusal::Refusal;
 use super::route::Route;
 
@@ -58,6 +59,8 @@ pub struct PlanRequest {
     pub arc: ArcKind,
     /// Width of the swathe; a quarter of the distance when not given.
     pub width_m: Option<f64>,
+    /// Which kind of path the route follows.
+    pub path: PathKind,
     /// Whether suitable ground outside the nests may be crossed, at three times the cost, when nothing else connects.
     pub bridge: bool,
     /// Whether the swathe is widened until the route is known to be the best of the whole map.

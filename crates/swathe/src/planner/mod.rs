@@ -1,13 +1,18 @@
 //! From nests to a route: search, shortcuts, certificate, and reasons when there is no way.
 
 mod answer;
+mod any_angle;
 mod cells;
+mod cost_segments;
 mod drivable;
+mod eikonal;
 mod ground;
 mod guided;
 mod lazy_astar;
+mod path_kind;
 mod plan;
 mod radix_heap;
+mod refine;
 mod refusal;
 mod route;
 mod search;
@@ -23,12 +28,16 @@ use crate::rank::RankError;
 use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
+pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
+pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
 pub use drivable::{
     CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, Pose, drivable_path, dubins, reeds_shepp,
 };
+pub use eikonal::eikonal_field;
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
+pub use path_kind::PathKind;
 pub use plan::plan;
 pub use refusal::{Refusal, Status};
 pub use route::{Leg, Route};

@@ -8,11 +8,13 @@ use crate::swarm::{Colony, Ending};
 use crate::vehicle::Vehicle;
 
 use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
+use super::any_angle::{best_refined, centres, lazy_theta};
 use super::ground::Ground;
+use super::path_kind::{EightNeighbours, PathKind};
 use super::refusal::{Refusal, Status, blocked_end, disconnected};
 use super::route::Route;
 use super::search::{Search, search};
-use super::smooth::shorten;
+use super::smooth::{drop_collinear, shorten};
 use super::spine::spine;
 use super::{Obstacle, PlannerError};
 
@@ -300,9 +302,12 @@ impl Planner<'_> {
             return Err(PlannerError::Stopped);
         }
         let ground = self.ground(&nests, &ends, bridging);
-        let found = search(&ground, ends.start.0, ends.goal.0, &mut |done, total| {
-            report(Stage::Route, done, total)
-        });
+        let (first, last) = (ends.start.0, ends.goal.0);
+        let mut tell = |done, total| report(Stage::Route, done, total);
+        let found = match self.request.path {
+            PathKind::Grid8 => search(&EightNeighbours(&ground), first, last, &mut tell),
+            PathKind::Grid16 | PathKind::AnyAngle => search(&ground, first, last, &mut tell),
+        };
         match found {
             Search::Stopped => return Err(PlannerError::Stopped),
             Search::Unreachable => {
@@ -313,8 +318,7 @@ impl Planner<'_> {
             }
             Search::Found { cells, cost } => {
                 answer.optimal = !bridging && self.is_optimal(searched, cost, &ends, &ground);
-                let route = self.route(&ground, &cells, &answer);
-                match route {
+                match self.route(&ground, &cells, &answer, report)? {
                     Ok(route) => {
                         let ends = (route.legs.first(), route.legs.last());
                         let direct_m = match ends {
@@ -413,16 +417,34 @@ impl Planner<'_> {
         cost <= ground.least_cost_per_m() * direct_m.hypot(2.0 * half_m)
     }
 
-    /// Shortens the way and joins the exact ends to it where that can be driven.
-    fn route(&self, ground: &Ground, cells: &[Cell], answer: &Plan) -> Result<Route, Obstacle> {
-        let geometry = self.geometry();
-        let centres: Vec<Position> = cells.iter().map(|&cell| geometry.centre(cell)).collect();
-        let mut points = shorten(ground, &centres);
+    /// Makes the kind of path that was asked for of the way, with the exact ends joined to it where that can be driven.
+    fn route(
+        &self,
+        ground: &Ground,
+        cells: &[Cell],
+        answer: &Plan,
+        report: &mut StageReport,
+    ) -> Result<Result<Route, Obstacle>, PlannerError> {
         let exact = [answer.start, answer.goal].map(|end| end.map(|end| end.0));
-        if let [Some(start), Some(goal)] = exact {
-            points = join(ground, points, start, goal);
-        }
-        Route::evaluate(ground, self.ranker, &points, self.vehicle.max_speed_mps)
+        let joined = |points| match exact {
+            [Some(start), Some(goal)] => join(ground, points, start, goal),
+            _ => points,
+        };
+        let steps = centres(ground, cells);
+        let points = match self.request.path {
+            PathKind::Grid8 => joined(drop_collinear(&steps)),
+            PathKind::Grid16 => joined(shorten(ground, &steps)),
+            PathKind::AnyAngle => {
+                let mut tell = |done, total| report(Stage::Route, done, total);
+                let (first, last) = (cells[0], cells[cells.len() - 1]);
+                let sighted = lazy_theta(ground, first, last, &mut tell).ok_or(PlannerError::Stopped)?;
+                let ways = [joined(shorten(ground, &steps)), joined(centres(ground, &sighted))];
+                let best = best_refined(ground, &ways, &mut tell).ok_or(PlannerError::Stopped)?;
+                best.points
+            }
+        };
+        let max_speed_mps = self.vehicle.max_speed_mps;
+        Ok(Route::evaluate(ground, self.ranker, &points, max_speed_mps))
     }
 }
 

@@ -1,0 +1,118 @@
+"""What ``summary.json`` holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import swathe
+from swathe import rank, swarm
+from swathe.export import place
+
+if TYPE_CHECKING:
+    from swathe.config import Settings
+    from swathe.grid import Position
+    from swathe.planner import Plan
+    from swathe.preparation import Ground
+
+
+def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]:
+    """Return the part of the summary that every command shares."""
+    geometry = ground.region.geometry
+    soil = None if ground.soil is None else ground.soil.as_dict()
+    vehicle = ground.region.vehicle
+    return {
+        "command": command,
+        "version": swathe.__version__,
+        "cells_total": geometry.cell_count,
+        "method": settings.method,
+        "profile": settings.rank.profile,
+        "vehicle": vehicle.name,
+        "vehicle_figures": vehicle.as_dict()["figures"],
+        "seed": settings.seed,
+        "rank_params": rank.as_dict(settings.rank),
+        "soil": soil,
+        "crs": ground.frame.name,
+        "cell_size_m": geometry.cell_size_m,
+        "rows": geometry.rows,
+        "columns": geometry.columns,
+        "inputs": _inputs(ground),
+        "notes": list(ground.notes),
+    }
+
+
+def _inputs(ground: Ground) -> list[dict[str, str]]:
+    inputs = [{"name": name, "sha256": digest} for name, digest in ground.source.fingerprint().items()]
+    if ground.soil_source is not None:
+        inputs.append({"name": ground.soil_source.name, "sha256": ground.soil_source.fingerprint()})
+    return inputs
+
+
+def swarm_summary(tally: swarm.Tally, settings: Settings) -> dict[str, Any]:
+    """Return what the swarm did."""
+    params = settings.swarm_params()
+    return {
+        "agents": params.agents,
+        "pellet_max": params.pellet_max,
+        "rank_min": params.nest.rank_min,
+        "ticks": tally.ticks,
+        "visits": tally.visits,
+        "cores": tally.cores,
+        "connected_at": tally.connected_at,
+    }
+
+
+def plan_summary(
+    ground: Ground,
+    answer: Plan,
+    settings: Settings,
+    asked: tuple[tuple[float, float], tuple[float, float]],
+    ends: list[Position],
+) -> dict[str, Any]:
+    """Return the summary of a plan; ``asked`` are the ends as given, ``ends`` the same in the frame."""
+    route = answer.route
+    corridor = answer.corridor
+    notes = list(ground.notes)
+    for name, moved in (("start", answer.start), ("goal", answer.goal)):
+        if moved is not None and moved[1] > 0:
+            notes.append(f"The {name} was moved {moved[1]:.0f} m to the nearest safe ground.")
+    if corridor is not None and corridor.widened:
+        times = "once" if corridor.widened == 1 else f"{corridor.widened} times"
+        notes.append(f"The swathe was widened {times}, to {corridor.width_m:.0f} m.")
+    if not ground.is_whole:
+        notes.append("Only the part of the map around start and goal was read.")
+    return {
+        **shared_summary("plan", ground, settings),
+        "status": answer.status,
+        "reason": answer.reason,
+        "where": place.in_words(answer.place, ground.frame),
+        "remedy": answer.remedy,
+        "length_m": None if route is None else route.length_m,
+        "straight_m": float(np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)),
+        "duration_s": None if route is None else route.time_s,
+        "energy_j": None if route is None else route.energy_j,
+        "climb_m": None if route is None else route.climb_m,
+        "descent_m": None if route is None else route.descent_m,
+        "max_grade": None if route is None else max(route.grade_max, -route.grade_min, 0.0),
+        "max_side_slope": None if route is None else route.side_slope_max,
+        "outside_nests_m": None if route is None else route.bridged_m,
+        "cost": None if route is None else route.cost,
+        "cost_lower_bound": answer.cost_lower_bound,
+        "grid_cost": answer.path_cost,
+        "optimal": answer.optimal,
+        "cells_evaluated": answer.cells_evaluated,
+        "nest_count": None if answer.nests is None else answer.nests.count,
+        "start": place.end_of_route(asked[0], ends[0], answer.start, ground.frame),
+        "goal": place.end_of_route(asked[1], ends[1], answer.goal, ground.frame),
+        "swarm": None if answer.swarm is None else swarm_summary(answer.swarm, settings),
+        "corridor": None
+        if corridor is None
+        else {
+            "arc": settings.corridor_params().arc,
+            "width_m": corridor.width_m,
+            "widened": corridor.widened,
+            "sagitta_m": corridor.sagitta_m,
+        },
+        "notes": notes,
+    }
