@@ -32,7 +32,8 @@ pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
 pub use drivable::{
-    CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, Pose, drivable_path, dubins, reeds_shepp,
+    CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, DrivenWay, Pose, drivable_path, drivable_way,
+    dubins, reeds_shepp,
 };
 pub use eikonal::eikonal_field;
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};

@@ -306,7 +306,9 @@ impl Planner<'_> {
         let mut tell = |done, total| report(Stage::Route, done, total);
         let found = match self.request.path {
             PathKind::Grid8 => search(&EightNeighbours(&ground), first, last, &mut tell),
-            PathKind::Grid16 | PathKind::AnyAngle => search(&ground, first, last, &mut tell),
+            PathKind::Grid16 | PathKind::AnyAngle | PathKind::Drivable | PathKind::Auto => {
+                search(&ground, first, last, &mut tell)
+            }
         };
         match found {
             Search::Stopped => return Err(PlannerError::Stopped),
@@ -326,7 +328,7 @@ impl Planner<'_> {
                             _ => 0.0,
                         };
                         answer.cost_lower_bound = Some(ground.least_cost_per_m() * direct_m);
-                        answer.answer = Ok(route);
+                        answer = self.driven(&ground, route, answer, report)?;
                     }
                     Err(_) => unreachable_segment(&mut answer),
                 }
@@ -433,7 +435,7 @@ impl Planner<'_> {
         let steps = centres(ground, cells);
         let points = match self.request.path {
             PathKind::Grid8 => joined(drop_collinear(&steps)),
-            PathKind::Grid16 => joined(shorten(ground, &steps)),
+            PathKind::Grid16 | PathKind::Drivable | PathKind::Auto => joined(shorten(ground, &steps)),
             PathKind::AnyAngle => {
                 let mut tell = |done, total| report(Stage::Route, done, total);
                 let (first, last) = (cells[0], cells[cells.len() - 1]);

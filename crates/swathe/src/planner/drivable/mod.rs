@@ -16,12 +16,17 @@ mod search;
 mod smooth;
 
 use crate::grid::Position;
+use crate::nest::{NestParams, exact_nests};
 use crate::progress::Report;
+use crate::rank::Ranker;
 use crate::vehicle::Vehicle;
 
 use super::PlannerError;
+use super::answer::{Plan, Stage, StageReport, Terrain};
 use super::ground::{Ground, SegmentFacts};
+use super::plan::Planner;
 use super::refusal::{Refusal, Status};
+use super::route::Route;
 use super::search::StepGraph;
 use drive::Drive;
 use field::Field;
@@ -276,6 +281,87 @@ pub fn drivable_path(
         }
     }
     Ok(Err(blocked(nearest, radius_m)))
+}
+
+/// Drives along some points through the nests of the whole map, as [`drivable_path`] does along a route.
+///
+/// # Errors
+/// Those of [`drivable_path`], and nest parameters that are not usable.
+pub fn drivable_way(
+    terrain: Terrain,
+    ranker: &Ranker,
+    vehicle: &Vehicle,
+    moisture_percent: f64,
+    nest: &NestParams,
+    way: &DrivenWay,
+    report: &mut Report,
+) -> Result<Result<DrivablePath, Refusal>, PlannerError> {
+    if !report(0, 0) {
+        return Err(PlannerError::Stopped);
+    }
+    let nests = exact_nests(&ranker.rank_all(), None, nest)?;
+    let labels = nests.labels().data();
+    let goal = way.points.last().copied().unwrap_or(Position::new(0.0, 0.0));
+    let Terrain { elevation_m, soil, .. } = terrain;
+    let is_open = |index: usize| labels[index] > 0;
+    let ground = Ground::new(elevation_m, soil, vehicle, moisture_percent, is_open, None, goal);
+    let [start_heading, goal_heading] = way.headings_rad;
+    drivable_path(
+        &ground,
+        vehicle,
+        &way.points,
+        start_heading,
+        goal_heading,
+        &way.params,
+        report,
+    )
+}
+
+/// What [`drivable_way`] follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrivenWay {
+    /// Points from start to goal; the corridor is laid around their connecting lines.
+    pub points: Vec<Position>,
+    /// Headings at start and goal; free where not given.
+    pub headings_rad: [Option<f64>; 2],
+    /// How the path is searched.
+    pub params: DrivableParams,
+}
+
+impl Planner<'_> {
+    /// Puts a route into the answer, with the arcs that follow it where the request asks for them.
+    pub(super) fn driven(
+        &self,
+        ground: &Ground,
+        route: Route,
+        mut answer: Plan,
+        report: &mut StageReport,
+    ) -> Result<Plan, PlannerError> {
+        if !self.request.path.is_driven(self.vehicle, self.geometry().cell_size_m()) {
+            answer.answer = Ok(route);
+            return Ok(answer);
+        }
+        let [start_heading, goal_heading] = self.request.headings_rad;
+        let mut tell = |done, total| report(Stage::Route, done, total);
+        let params = DrivableParams::default();
+        let (points, vehicle) = (route.points(), self.vehicle);
+        match drivable_path(
+            ground,
+            vehicle,
+            &points,
+            start_heading,
+            goal_heading,
+            &params,
+            &mut tell,
+        )? {
+            Ok(path) => {
+                answer.drivable = Some(path);
+                answer.answer = Ok(route);
+            }
+            Err(refusal) => answer = answer.refused(refusal),
+        }
+        Ok(answer)
+    }
 }
 
 fn blocked(place: Position, radius_m: f64) -> Refusal {

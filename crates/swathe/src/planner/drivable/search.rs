@@ -165,6 +165,10 @@ impl<'a, 'g> Hybrid<'a, 'g> {
         for pose in self.starts.clone() {
             self.reach(pose, 0, How::Start, 0.0, false);
         }
+        // With a free heading the best start is not known before all have been looked along.
+        for start in 0..self.states.len() as u32 {
+            self.shoot(start);
+        }
         let (mut nearest, mut least) = (self.starts[0].position(), f64::INFINITY);
         let mut expanded = 0;
         while let Some(Entry { state, .. }) = self.queue.pop() {
@@ -193,8 +197,9 @@ impl<'a, 'g> Hybrid<'a, 'g> {
             if *made + self.states.len() >= most {
                 return Ended::TooMany(nearest);
             }
-            let by_arc = matches!(self.states[index].how, How::Arc(_));
-            if !by_arc || expanded % (SHOTS_EVERY + expanded / EXPANSIONS_PER_SHOT) == 0 {
+            let how = &self.states[index].how;
+            let by_arc = matches!(how, How::Arc(_));
+            if matches!(how, How::Shot(_)) || by_arc && expanded % (SHOTS_EVERY + expanded / EXPANSIONS_PER_SHOT) == 0 {
                 self.shoot(state);
             }
             self.go_on(state);

@@ -40,6 +40,7 @@ fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) 
         },
         arc: ArcKind::Spine,
         width_m: None,
+        headings_rad: [None; 2],
         path: PathKind::default(),
         bridge: false,
         certify: false,
