@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from swathe.corridor import CorridorParams
 from swathe.errors import InvalidParameterError
 from swathe.nest import NestParams
 from swathe.rank import RankParams
 from swathe.swarm import SwarmParams
+
+if TYPE_CHECKING:
+    from swathe.planner import PathKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,7 @@ class Settings:
     arc: Literal["relaid", "spine", "circle", "line"] | None = None
     sagitta_m: float | None = None
     width_m: float | None = None
+    path: PathKind = "grid16"
     bridge: bool = False
     certify: bool = False
 

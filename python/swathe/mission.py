@@ -68,6 +68,7 @@ def plan_route(
                         method=settings.method,
                         swarm=settings.swarm_params(),
                         corridor=settings.corridor_params(),
+                        path=settings.path,
                         bridge=settings.bridge,
                         certify=settings.certify,
                         map_continues=not ground.is_whole,

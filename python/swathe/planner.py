@@ -164,6 +164,7 @@ def any_angle_path(
         return NoRoute("no_route", _SEPARATED)
     way, cost = found
     points = np.asarray(way, dtype=np.float64)
+    points[0], points[-1] = first, last  # without the rounding of metres
     steps = np.diff(points, axis=0)
     return AnyAnglePath(points, cost, float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m))
 

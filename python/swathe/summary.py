@@ -88,6 +88,7 @@ def plan_summary(
         "reason": answer.reason,
         "where": place.in_words(answer.place, ground.frame),
         "remedy": answer.remedy,
+        "path": settings.path,
         "length_m": None if route is None else route.length_m,
         "straight_m": float(np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)),
         "duration_s": None if route is None else route.time_s,

@@ -25,6 +25,7 @@ from swathe.cli.options import (
     Moisture,
     Out,
     PaperGrade,
+    PathOption,
     Pellets,
     PointsCrs,
     Profile,
@@ -115,6 +116,7 @@ def plan(
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
+    path: PathOption = "grid16",
     bridge: Annotated[
         bool, typer.Option("--bridge", help="Allow suitable ground outside nests when nothing else connects.")
     ] = False,
@@ -174,6 +176,7 @@ def plan(
         arc=arc,
         sagitta=sagitta,
         width=width,
+        path=path,
         bridge=bridge,
         certify=certify,
         soil_table=soil_table,

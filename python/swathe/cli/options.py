@@ -79,6 +79,13 @@ Arc = Annotated[
 ]
 Sagitta = Annotated[float | None, typer.Option("--sagitta", help="Height of the circular arc over its chord, metres.")]
 Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe, metres. [default: 1/4 of the way]")]
+PathOption = Annotated[
+    Literal["grid8", "grid16", "any-angle"],
+    typer.Option(
+        "--path",
+        help="grid8: steps to 8 neighbours. grid16: to 16, then shortcuts. any-angle: vertices anywhere.",
+    ),
+]
 SoilTable = Annotated[
     Literal["text", "table2"], typer.Option("--soil-table", help="Goodness of silt: the paper's text 2, its table 3.")
 ]
@@ -152,6 +159,7 @@ def settings_of(
     arc: Literal["relaid", "spine", "circle", "line"] | None = None,
     sagitta: float | None = None,
     width: float | None = None,
+    path: Literal["grid8", "grid16", "any-angle"] = "grid16",
     bridge: bool = False,
     certify: bool = False,
     **rules: Any,  # noqa: ANN401 - the rank options, by the names of RankParams
@@ -181,6 +189,7 @@ def settings_of(
         arc=arc,
         sagitta_m=sagitta,
         width_m=width,
+        path=path,
         bridge=bridge,
         certify=certify,
     )
