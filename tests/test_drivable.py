@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from affine import Affine
 from hypothesis import given
 from hypothesis import strategies as st
 from ompl import base
 
+import commands
+import raster_files
 from swathe import _core
 from swathe.drivable import (
     CurveArc,
@@ -26,9 +31,13 @@ from swathe.drivable import (
 from swathe.errors import InterruptedBySignalError, UsageError
 from swathe.grid import Position
 from swathe.planner import plan
-from swathe.rank import Region
 from swathe.vehicle import load_vehicle
-from tests.worlds import mask, region_of
+from worlds import mask, region_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from swathe.rank import Region
 
 TRACTOR = load_vehicle("tractor")
 RADIUS_M = TRACTOR.min_turn_radius_m
@@ -185,10 +194,12 @@ def test_defaults_are_those_of_the_core() -> None:
         {"points": [(1.0, math.nan)]},
         {"start_heading_rad": math.inf},
         {"goal_heading_rad": math.nan},
-        *({"params": replace(DrivableParams(), **{name: bad})} for name, bad in
-          [("reverse_factor", 0.5), ("cusp_time_s", -1.0), ("weight", math.nan), ("most_states", 0)]),
+        {"params": DrivableParams(reverse_factor=0.5)},
+        {"params": DrivableParams(cusp_time_s=-1)},
+        {"params": DrivableParams(weight=math.nan)},
+        {"params": DrivableParams(most_states=0)},
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(UsageError):
         drivable_path(walled(), **{"points": [START, GOAL], **change})
@@ -209,3 +220,35 @@ def test_no_points_make_no_path_and_a_stop_is_honoured() -> None:
     assert len(empty.arcs) == 0
     with pytest.raises(InterruptedBySignalError):
         drivable_path(walled(), [START, GOAL], on_progress=lambda *_: False)
+
+
+def test_the_command_writes_the_arcs_and_tells_of_turns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fine = Affine(3, 0, raster_files.WEST, 0, -3, raster_files.NORTH)
+    dem = raster_files.write(tmp_path / "fine.tif", raster_files.hills(80, 90) * np.float32(0.05), transform=fine)
+    ends = (
+        f"{raster_files.WEST + 40},{raster_files.NORTH - 40}",
+        f"{raster_files.WEST + 220},{raster_files.NORTH - 190}",
+    )
+    words = (*commands.way(dem, "--vehicle", "tractor", "--json", from_to=ends), "--start-bearing", "0")
+    finished = commands.run_here(capsys, *words, "--out", str(tmp_path / "a"))
+    assert finished.code == 0
+    told = finished.answer["drivable"]
+    assert told["turning_radius_m"] == RADIUS_M
+    assert any("turning radius of 4.8 m" in note for note in finished.answer["notes"])
+    features = json.loads((tmp_path / "a" / "drivable.geojson").read_text())["features"]
+    assert len(features) == told["arcs"]
+    assert features[0]["properties"]["heading_deg"] == 0
+    lines = [feature["geometry"]["coordinates"] for feature in features]
+    # One line ends where the next begins.
+    assert all(np.allclose(a[-1], b[0], atol=1e-7) for a, b in itertools.pairwise(lines))
+    length_m = sum(feature["properties"]["length_m"] for feature in features)
+    assert length_m == pytest.approx(told["length_m"], rel=1e-4)
+    assert sum(f["properties"]["length_m"] for f in features if f["properties"]["direction"] == "reverse") == (
+        pytest.approx(told["reverse_m"], abs=0.5)
+    )
+    plain = commands.run_here(capsys, *words, "--out", str(tmp_path / "b"), "--path", "grid16")
+    assert plain.answer["drivable"] is None
+    assert any("not checked" in note for note in plain.answer["notes"])
+    assert not (tmp_path / "b" / "drivable.geojson").exists()
+    wrong = commands.run_here(capsys, *words[:-1], "nan", "--out", str(tmp_path / "c"))
+    assert wrong.code == 2

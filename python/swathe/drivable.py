@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from swathe.rank import Region
 
 
+#: Turn between two points of an arc as a line.
+_TURN_RAD = 0.1
+
+
 class Pose(NamedTuple):
     """Where a vehicle stands, map metres, and where its nose points, counter-clockwise from east."""
 
@@ -56,7 +60,10 @@ class DrivableParams:
 
 @dataclass(frozen=True, slots=True)
 class DrivenArc:
-    """A part of a path with one curvature and direction. Facts hold for the direction of travel, as those of a leg."""
+    """A part of a path with one curvature and direction. Facts hold for the direction of travel, as those of a leg.
+
+    ``length_m`` is that over the surface, ``map_length_m`` that on the map.
+    """
 
     start: Pose
     curvature_per_m: float
@@ -70,6 +77,19 @@ class DrivenArc:
     grade_max: float
     grade_min: float
     side_slope_max: float
+    map_length_m: float
+
+    def points(self, end: tuple[float, float]) -> NDArray[np.float64]:
+        """Return (n, 2) map metres along the arc, at most a tenth of a radian apart; ``end`` is where it ends."""
+        turn_rad = self.curvature_per_m * (-self.map_length_m if self.reverse else self.map_length_m)
+        share = np.linspace(0, 1, max(2, math.ceil(abs(turn_rad) / _TURN_RAD) + 1))
+        half = turn_rad * share / 2
+        # The chord of an arc points along its middle heading.
+        chord_m = self.map_length_m * share * np.sinc(half / np.pi) * (-1 if self.reverse else 1)
+        along = self.start.heading_rad + half
+        points = np.column_stack([self.start.x_m + chord_m * np.cos(along), self.start.y_m + chord_m * np.sin(along)])
+        points[-1] = end
+        return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +218,7 @@ def reeds_shepp(start: Pose, goal: Pose, radius_m: float) -> list[CurveArc]:
 
 
 def _pose(pose: Pose) -> Pose:
-    if len(pose) != 3 or not all(math.isfinite(value) for value in pose):
+    if not all(math.isfinite(value) for value in pose):
         raise InvalidParameterError(f"{pose!r} is not a pose.", "Give x, y and a heading, all finite.")
     return Pose(*(float(value) for value in pose))
 
@@ -223,10 +243,22 @@ def wrapped(found: dict[str, Any]) -> DrivablePath:
             start=Pose(*arc["start"]),
             curvature_per_m=arc["curvature_per_m"],
             reverse=arc["reverse"],
+            map_length_m=arc["map_length_m"],
             **{name: arc[name] for name in _FACTS},
         )
         for arc in found["arcs"]
     )
-    same = ("poses", "curvature_per_m", "length_m", "time_s", "cost", "energy_j", "cusps", "reverse_m", "radius_m", "states")
+    same = (
+        "poses",
+        "curvature_per_m",
+        "length_m",
+        "time_s",
+        "cost",
+        "energy_j",
+        "cusps",
+        "reverse_m",
+        "radius_m",
+        "states",
+    )
     reverse = np.asarray(found["reverse"], dtype=np.bool_)
     return DrivablePath(arcs=arcs, reverse=reverse, **{name: found[name] for name in same})

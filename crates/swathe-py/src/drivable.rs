@@ -88,6 +88,7 @@ pub(crate) fn driven<'py>(py: Python<'py>, path: &DrivablePath) -> PyResult<Boun
             let arc = facts(py, &driven.facts)?;
             arc.set_item("start", (x_m, y_m, heading_rad))?;
             arc.set_item("curvature_per_m", driven.arc.curvature_per_m)?;
+            arc.set_item("map_length_m", driven.arc.length_m.abs())?;
             arc.set_item("reverse", driven.arc.length_m < 0.0)?;
             Ok(arc)
         })
