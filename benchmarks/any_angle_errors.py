@@ -332,7 +332,7 @@ def draw() -> None:
         ("Two media", list(two_media())[5]),
         ("Speed growing to the right", next(growing_speed())),
     ]
-    figure, axes = plt.subplots(1, 3, figsize=(12, 4.9), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(12, 5.4), layout="constrained")
     for axis, (title, (costs, start, goal, exact)) in zip(axes, worlds, strict=True):
         axis.imshow(np.where(np.isfinite(costs), costs, np.nan), cmap="Greys", vmin=0, vmax=5, interpolation="nearest")
         axis.imshow(np.where(np.isfinite(costs), np.nan, 1.0), cmap="copper", interpolation="nearest")
@@ -343,13 +343,12 @@ def draw() -> None:
             ("16 neighbours", "#7570b3", planner.shortest_path(costs, start, goal, neighbours=16)),
             ("any angle", "#1b9e77", planner.any_angle_path(costs, start, goal)),
         ):
-            error_of = cost_of(path) / exact - 1
+            error = f"{100 * (cost_of(path) / exact - 1):+.2f}"
             vertices = path.points if isinstance(path, planner.AnyAnglePath) else getattr(path, "cells", [])
             points = np.asarray(vertices, dtype=float)
-            error = f"{100 * error_of:+.2f}"
             axis.plot(points[:, 1], points[:, 0], color=colour, linewidth=2, label=f"{label}: {error} %")
         axis.set(title=title, xticks=[], yticks=[])
-        axis.legend(title="error of the cost", loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, fontsize=8)
+        axis.legend(title="error of the cost", loc="upper center", bbox_to_anchor=(0.5, -0.02), fontsize=8)
     figure.savefig(PICTURE, dpi=110)
     plt.close(figure)
 

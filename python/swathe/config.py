@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from swathe.corridor import CorridorParams
 from swathe.errors import InvalidParameterError
 from swathe.nest import NestParams
+from swathe.objective import Objective
 from swathe.rank import RankParams
 from swathe.swarm import SwarmParams
 
@@ -26,6 +27,7 @@ class TerrainRequest:
         soil: soil vector or raster, or None.
         soil_field: its attribute.
         soil_legend: CSV that explains its values.
+        cost_raster: raster of the user's factors on costs, or None; closed where it is NaN, infinite or has no value.
         cell_size_m: size of terrain cells; the source's when None.
         crs: projection to plan in; UTM or the source's own when None.
         height_range_m: heights of black and white of a grey picture.
@@ -38,6 +40,7 @@ class TerrainRequest:
     soil: str | None = None
     soil_field: str | None = None
     soil_legend: str | None = None
+    cost_raster: str | None = None
     cell_size_m: float | None = None
     crs: str | None = None
     height_range_m: tuple[float, float] | None = None
@@ -67,6 +70,7 @@ class Settings:
     path: PathKind = "auto"
     start_bearing_deg: float | None = None
     goal_bearing_deg: float | None = None
+    objective: Objective = field(default_factory=Objective)
     bridge: bool = False
     certify: bool = False
 

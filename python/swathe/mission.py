@@ -75,6 +75,8 @@ def plan_route(
                         bridge=settings.bridge,
                         certify=settings.certify,
                         map_continues=not ground.is_whole,
+                        objective=settings.objective,
+                        cost=ground.cost,
                         on_progress=on_progress,
                     )
                 if not _needs_more_map(answer, ground, settings):

@@ -15,14 +15,16 @@ from swathe.drivable import DrivablePath, wrapped
 from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
+from swathe.objective import Objective, as_objective, closed_where, cost_factor
 from swathe.swarm import SwarmParams, Tally, tally
 from swathe.terrain import require_length
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
+    from swathe.objective import CostFunction, Word
     from swathe.rank import Region
 
 PathKind = Literal["auto", "grid8", "grid16", "any-angle", "drivable"]
@@ -258,7 +260,10 @@ def _cell(cell: tuple[int, int], shape: tuple[int, ...]) -> Cell:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A straight part of a route. Grades are rise over run; ``grade_min`` is the steepest way down."""
+    """A straight part of a route. Grades are rise over run; ``grade_min`` is the steepest way down.
+
+    ``cost`` is the objective's sum in seconds; ``risk_s`` its seconds beside no-go ground, weighted by the nearness.
+    """
 
     start: Position
     end: Position
@@ -266,6 +271,7 @@ class Leg:
     time_s: float
     cost: float
     energy_j: float
+    risk_s: float
     climb_m: float
     descent_m: float
     grade_max: float
@@ -291,6 +297,7 @@ class Route:
     time_s: float
     cost: float
     energy_j: float
+    risk_s: float
     climb_m: float
     descent_m: float
     grade_max: float
@@ -317,7 +324,7 @@ class Plan:
         remedy: the nearest thing that would change it.
         drivable: the arcs that follow the route within the vehicle's turning radius, where they were asked for.
         path: cells of the way over the grid, before shortcuts and refinement.
-        path_cost: its cost in seconds.
+        path_cost: its cost in seconds, weighted by the objective.
         cost_lower_bound: no way from start to goal costs less.
         optimal: whether the way is known to be the best of the whole map.
         start: where the route starts and how far that is from the place asked for, in metres.
@@ -360,6 +367,9 @@ def plan(
     bridge: bool = False,
     certify: bool = False,
     map_continues: bool = False,
+    objective: Objective | Word | str | Mapping[str, float] = "time",
+    cost: ArrayLike | CostFunction | None = None,
+    reverse: bool = False,
     on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> Plan:
     """Plan a route over a region.
@@ -381,6 +391,12 @@ def plan(
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
         map_continues: whether there is more map beyond the region, which limits what can be certified.
+        objective: what the way should save: ``time``, ``energy``, ``risk``, or weights (``swathe.objective``). The
+            vehicle's limits hold under every objective.
+        cost: the user's factor on the cost of each cell, at least 0, closed where it is NaN or infinite: an array of
+            the region's shape or a function of blocks (``swathe.objective.cost_factor``).
+        reverse: charge every step, and hold its limits, as if it were driven the other way: the way from A to B then
+            costs what the way from B to A costs without.
         on_progress: called with stage, work done and work expected; returning False stops with an error.
 
     Raises:
@@ -402,8 +418,12 @@ def plan(
         "goal_heading_rad": goal_heading_rad,
         "bridge": bridge,
         "certify": certify,
+        "objective": as_objective(objective).core_argument(),
+        "reversed": reverse,
     }
-    return _plan(_core.plan(region.core, request, map_continues, on_progress))
+    factor = None if cost is None else cost_factor(region, cost)
+    region = closed_where(region, factor)
+    return _plan(_core.plan(region.core, request, factor, map_continues, on_progress))
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,12 +450,16 @@ def lazy_astar(
     *,
     nest: NestParams | None = None,
     weight: float = 1.0,
+    objective: Objective | Word | str | Mapping[str, float] = "time",
+    cost: ArrayLike | CostFunction | None = None,
+    reverse: bool = False,
     on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> LazySearch:
     """Find a cheapest way through the nests of the whole map, ranking cells only where it comes to expand them.
 
     The honest peer of the swarm: with ``weight`` 1 the cost is the least there is, with weight w at most w times that.
-    ``start`` and ``goal`` are (row, column) of cells in nests; elsewhere there is no way.
+    ``start`` and ``goal`` are (row, column) of cells in nests; elsewhere there is no way. ``objective``, ``cost`` and
+    ``reverse`` are those of ``plan``.
 
     Raises:
         UsageError: a cell lies outside, or a parameter is outside its range.
@@ -443,7 +467,10 @@ def lazy_astar(
     """
     first, last = _cell(start, region.geometry.shape), _cell(goal, region.geometry.shape)
     nest = nest or NestParams(rank_min=region.params.rank_min)
-    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, on_progress)
+    request = {"objective": as_objective(objective).core_argument(), "reversed": reverse}
+    factor = None if cost is None else cost_factor(region, cost)
+    region = closed_where(region, factor)
+    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, request, factor, on_progress)
     cells = None if found["cells"] is None else [Cell(*cell) for cell in found["cells"]]
     return LazySearch(cells, found["cost"], found["cells_evaluated"], found["cells_expanded"])
 
@@ -486,6 +513,7 @@ _SUMS = (
     "time_s",
     "cost",
     "energy_j",
+    "risk_s",
     "climb_m",
     "descent_m",
     "grade_max",

@@ -11,11 +11,13 @@ import numpy as np
 
 from swathe.errors import TooSmallError
 from swathe.grid import GridGeometry
+from swathe.io.cost_raster import read_cost
 from swathe.io.elevation import open_elevation, require_known
 from swathe.io.memory import require_memory
 from swathe.io.soil import read_soil
 from swathe.io.sources import single
 from swathe.io.window import bounded
+from swathe.objective import closed_where, cost_factor
 from swathe.rank import Region
 from swathe.terrain import block_max, group_mean, height_map, slope
 from swathe.vehicle import load_vehicle
@@ -64,6 +66,8 @@ class Ground:
     source: ElevationSource
     soil: SoilReport | None
     soil_source: Source | None
+    cost: NDArray[np.float32] | None
+    cost_source: Source | None
     notes: tuple[str, ...]
     is_whole: bool
 
@@ -129,9 +133,23 @@ def prepare(
             layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
         soil_report, codes = layer.report, layer.codes
     region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
+    cost = cost_source = None
+    if terrain.cost_raster is not None:
+        with watch.step("cost"):
+            cost = cost_factor(region, read_cost(terrain.cost_raster, frame))
+        cost_source = single(terrain.cost_raster)
+        region = closed_where(region, cost)
+        notes.append(_cost_note(cost))
     notes += _notes(region, source, soil_report)
     soil_source = None if terrain.soil is None else single(terrain.soil)
-    return Ground(region, frame, source, soil_report, soil_source, tuple(notes), is_whole)
+    return Ground(region, frame, source, soil_report, soil_source, cost, cost_source, tuple(notes), is_whole)
+
+
+def _cost_note(cost: NDArray[np.float32]) -> str:
+    known = cost[np.isfinite(cost)]
+    closed = 100 * float(np.mean(~np.isfinite(cost)))
+    span = f"{known.min():g} to {known.max():g}"
+    return f"Costs were multiplied by {span}, by cell; {closed:.1f} % of the cells were closed."
 
 
 def _averaged(

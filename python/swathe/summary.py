@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,6 +47,8 @@ def _inputs(ground: Ground) -> list[dict[str, str]]:
     inputs = [{"name": name, "sha256": digest} for name, digest in ground.source.fingerprint().items()]
     if ground.soil_source is not None:
         inputs.append({"name": ground.soil_source.name, "sha256": ground.soil_source.fingerprint()})
+    if ground.cost_source is not None:
+        inputs.append({"name": ground.cost_source.name, "sha256": ground.cost_source.fingerprint()})
     return inputs
 
 
@@ -126,8 +129,11 @@ def plan_summary(
         "drivable": _drivable_summary(answer),
         "length_m": None if route is None else route.length_m,
         "straight_m": float(np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)),
+        "objective": settings.objective.text,
+        "objective_weights": asdict(settings.objective),
         "duration_s": None if route is None else route.time_s,
         "energy_j": None if route is None else route.energy_j,
+        "risk_s": None if route is None else route.risk_s,
         "climb_m": None if route is None else route.climb_m,
         "descent_m": None if route is None else route.descent_m,
         "max_grade": None if route is None else max(route.grade_max, -route.grade_min, 0.0),

@@ -40,7 +40,9 @@ mod _core {
     #[pymodule_export]
     use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs, transitions};
     #[pymodule_export]
-    use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
+    use crate::terrain::{
+        aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope, squared_distances,
+    };
     #[pymodule_export]
     use crate::vehicle::Vehicle;
 

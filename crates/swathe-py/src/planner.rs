@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
 use swathe::planner::{
-    Algorithm, AnyAngleMethod, Corners, LazyRequest, Leg, PathKind, Plan, PlanRequest, Search, SegmentFacts, Stage,
-    Status, Way, WaySearch,
+    Algorithm, AnyAngleMethod, Corners, LazyRequest, Leg, Objective, PathKind, Plan, PlanRequest, Search, SegmentFacts,
+    Stage, Status, Terrain, Way, WaySearch,
 };
 
 use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
@@ -151,7 +151,8 @@ fn path_kind(given: &str) -> PyResult<PathKind> {
 
 /// Lazy A* through nests: a dictionary of `cells` and `cost` (None without a way), `cells_evaluated`, `cells_expanded`.
 #[pyfunction]
-#[pyo3(signature = (region, start, goal, nest, weight, report))]
+#[pyo3(signature = (region, start, goal, nest, weight, request, factor, report))]
+#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
 pub(crate) fn lazy_astar<'py>(
     py: Python<'py>,
     region: &Region,
@@ -159,6 +160,8 @@ pub(crate) fn lazy_astar<'py>(
     goal: (usize, usize),
     nest: &Bound<'py, PyDict>,
     weight: f64,
+    request: &Bound<'py, PyDict>,
+    factor: Option<PyReadonlyArray2<'py, f32>>,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
@@ -168,11 +171,15 @@ pub(crate) fn lazy_astar<'py>(
         goal,
         nest,
         weight,
+        objective: objective(request)?,
+        reversed: entry(request, "reversed")?,
     };
+    let factor = factor.as_ref().map(values).transpose()?;
     let mut told = PythonReport::new(report);
     let result = region.with(py, false, |terrain, ranker, vehicle, params| {
         let mut tell = |done, total| told.tell("route", done, total);
         let moisture = params.moisture_percent;
+        let terrain = priced(terrain, factor)?;
         Ok(swathe::planner::lazy_astar(
             terrain, ranker, vehicle, moisture, &request, &mut tell,
         )?)
@@ -194,11 +201,12 @@ pub(crate) fn lazy_astar<'py>(
 
 /// Plans a route; the answer is a dictionary that `swathe.planner` wraps.
 #[pyfunction]
-#[pyo3(signature = (region, request, map_continues, report))]
+#[pyo3(signature = (region, request, factor, map_continues, report))]
 pub(crate) fn plan<'py>(
     py: Python<'py>,
     region: &Region,
     request: &Bound<'py, PyDict>,
+    factor: Option<PyReadonlyArray2<'py, f32>>,
     map_continues: bool,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -216,7 +224,10 @@ pub(crate) fn plan<'py>(
         ],
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
+        objective: objective(request)?,
+        reversed: entry(request, "reversed")?,
     };
+    let factor = factor.as_ref().map(values).transpose()?;
     let mut told = PythonReport::new(report);
     let result = region.with(py, map_continues, |terrain, ranker, vehicle, params| {
         let mut tell = |stage, done, total| {
@@ -227,10 +238,30 @@ pub(crate) fn plan<'py>(
             };
             told.tell(stage, done, total)
         };
+        let terrain = priced(terrain, factor)?;
         let plan = swathe::planner::plan(terrain, ranker, vehicle, params, &request, &mut tell)?;
         Ok(plan)
     });
     answer(py, told.settle(result)?)
+}
+
+/// The objective of a request's entry (time, energy, risk, risk distance in metres or None).
+fn objective(request: &Bound<'_, PyDict>) -> PyResult<Objective> {
+    let (time, energy, risk, risk_distance_m) = entry(request, "objective")?;
+    Ok(Objective {
+        time,
+        energy,
+        risk,
+        risk_distance_m,
+    })
+}
+
+/// The terrain with a user's factor on costs.
+fn priced<'a>(terrain: Terrain<'a>, factor: Option<&'a [f32]>) -> Result<Terrain<'a>, CoreError> {
+    let geometry = terrain.elevation_m.geometry();
+    let view = |factor| LayerView::new(geometry, factor, "the cost factor");
+    let cost_factor = factor.map(view).transpose()?;
+    Ok(Terrain { cost_factor, ..terrain })
 }
 
 fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
@@ -295,6 +326,7 @@ pub(crate) fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Boun
     found.set_item("time_s", facts.time_s)?;
     found.set_item("cost", facts.cost)?;
     found.set_item("energy_j", facts.energy_j)?;
+    found.set_item("risk_s", facts.risk_s)?;
     found.set_item("climb_m", facts.climb_m)?;
     found.set_item("descent_m", facts.descent_m)?;
     found.set_item("grade_max", facts.grade_max)?;

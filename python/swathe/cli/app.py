@@ -14,6 +14,7 @@ from swathe.cli.options import (
     Bounds,
     CellSize,
     Combine,
+    CostRaster,
     Crs,
     Debug,
     Dem,
@@ -24,6 +25,7 @@ from swathe.cli.options import (
     MemoryLimit,
     Method,
     Moisture,
+    Objective,
     Out,
     PaperGrade,
     PathOption,
@@ -121,6 +123,8 @@ def plan(
     path: PathOption = "auto",
     start_bearing: StartBearing = None,
     goal_bearing: GoalBearing = None,
+    objective: Objective = "time",
+    cost_raster: CostRaster = None,
     bridge: Annotated[
         bool, typer.Option("--bridge", help="Allow suitable ground outside nests when nothing else connects.")
     ] = False,
@@ -166,6 +170,7 @@ def plan(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        cost_raster=cost_raster,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -183,6 +188,7 @@ def plan(
         path=path,
         start_bearing=start_bearing,
         goal_bearing=goal_bearing,
+        objective=objective,
         bridge=bridge,
         certify=certify,
         soil_table=soil_table,

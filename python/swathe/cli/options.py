@@ -31,6 +31,21 @@ SoilField = Annotated[
     str | None, typer.Option("--soil-field", help="Attribute of the soil map that names the soil, e.g. cat.")
 ]
 SoilLegend = Annotated[str | None, typer.Option("--soil-legend", help="CSV that explains the soil map's values.")]
+CostRaster = Annotated[
+    str | None,
+    typer.Option(
+        "--cost-raster",
+        help="Raster of factors of at least 0 on the cost of each cell; NaN, infinite or empty is closed.",
+    ),
+]
+Objective = Annotated[
+    str,
+    typer.Option(
+        "--objective",
+        help="What the route saves: time, energy, risk, or weights such as time=1,energy=0.5,risk=2. The sum is in "
+        "seconds: of driving, of rated power (joules over watts), and near no-go ground (up to 1 a second).",
+    ),
+]
 CellSize = Annotated[float | None, typer.Option("--cell-size", help="Size of terrain cells in metres.")]
 HeightRange = Annotated[
     str | None, typer.Option("--height-range", help="LOW,HIGH in metres of black and white in a grey height map.")
@@ -128,6 +143,7 @@ def terrain_request(
     points_crs: str | None,
     bounds: str | None,
     memory_limit: float | None,
+    cost_raster: str | None = None,
 ) -> TerrainRequest:
     """Return the ground that the options name."""
     from swathe.cli import say
@@ -141,6 +157,7 @@ def terrain_request(
         soil=soil,
         soil_field=soil_field,
         soil_legend=soil_legend,
+        cost_raster=cost_raster,
         cell_size_m=cell_size,
         crs=crs,
         height_range_m=None if low_high is None else (low_high[0], low_high[1]),
@@ -168,6 +185,7 @@ def settings_of(
     path: Literal["auto", "grid8", "grid16", "any-angle", "drivable"] = "auto",
     start_bearing: float | None = None,
     goal_bearing: float | None = None,
+    objective: str = "time",
     bridge: bool = False,
     certify: bool = False,
     **rules: Any,  # noqa: ANN401 - the rank options, by the names of RankParams
@@ -175,6 +193,7 @@ def settings_of(
     """Return how the ground is judged and the route found, as the options say."""
     from swathe.cli import say
     from swathe.config import Settings, use_threads
+    from swathe.objective import as_objective
     from swathe.rank import RankParams, moisture_percent
 
     use_threads(threads)
@@ -200,6 +219,7 @@ def settings_of(
         path=path,
         start_bearing_deg=start_bearing,
         goal_bearing_deg=goal_bearing,
+        objective=as_objective(objective),
         bridge=bridge,
         certify=certify,
     )

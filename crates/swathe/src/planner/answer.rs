@@ -5,11 +5,11 @@ use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
 use crate::swarm::{SwarmParams, Tally};
 
-use super::SegmentFacts;
 use super::drivable::DrivablePath;
 use super::path_kind::PathKind;
 use super::refusal::Refusal;
 use super::route::Route;
+use super::{Objective, SegmentFacts};
 
 /// Which way regions are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +41,9 @@ pub struct Terrain<'a> {
     pub elevation_m: LayerView<'a, f32>,
     /// Soil class codes.
     pub soil: Option<LayerView<'a, u8>>,
+    /// The user's factor on the cost of each cell, at least 0; the ground is closed where it is NaN or infinite. Give the
+    /// ranker a zone there too, or nests will hold cells that no way may enter.
+    pub cost_factor: Option<LayerView<'a, f32>>,
     /// Whether the map goes on beyond these cells, which limits what can be certified.
     pub map_continues: bool,
 }
@@ -68,6 +71,10 @@ pub struct PlanRequest {
     pub bridge: bool,
     /// Whether the swathe is widened until the route is known to be the best of the whole map.
     pub certify: bool,
+    /// What the way should save.
+    pub objective: Objective,
+    /// Whether the way is charged, and kept within limits, as if driven back from goal to start.
+    pub reversed: bool,
 }
 
 /// What the swarm did.
@@ -88,7 +95,7 @@ pub struct Plan {
     pub drivable: Option<DrivablePath>,
     /// Cells of the way before shortcuts.
     pub path: Vec<Cell>,
-    /// Cost of that way in seconds.
+    /// Cost of that way in seconds, weighted by the objective.
     pub path_cost: Option<f64>,
     /// Nothing can cost less than this.
     pub cost_lower_bound: Option<f64>,

@@ -15,7 +15,7 @@ use super::search::{Search, StepGraph, search};
 
 /// Farthest that Lazy Theta* looks back along a straight line: it keeps the work per cell bounded, and `refine` joins
 /// what is left in pieces.
-const MOST_SIGHT_CELLS: f64 = 32.0;
+const MOST_SIGHT_CELLS: f64 = 16.0;
 
 /// Expansions between two reports.
 const EXPANSIONS_PER_REPORT: u64 = 1 << 12;

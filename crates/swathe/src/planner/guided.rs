@@ -150,7 +150,7 @@ impl Planner<'_> {
         let mut colony = Colony::deploy(self.ranker, &everywhere, self.request.swarm)?;
         drop(everywhere);
         colony.watch(self.ends[0], self.ends[1]);
-        let mut paces = Paces::new(geometry.cell_count(), 1.0 / self.vehicle.max_speed_mps);
+        let mut paces = Paces::new(geometry.cell_count(), self.least_pace());
         let reach = (self.settled_radius_m() / geometry.cell_size_m()).ceil();
         for end in self.ends {
             self.settle_around(&mut colony, &mut paces, &[end], reach);
@@ -313,15 +313,38 @@ impl Planner<'_> {
         }
     }
 
-    /// Seconds a metre over a cell when the heading is not known: the mean of up and down half its slope.
+    /// Cost of a metre over a cell when the heading is not known: the mean of up and down half its slope. Risk is left
+    /// out, since what lies beside a cell that was just seen is not known; polishing counts it.
     fn pace(&self, cell: Cell) -> f64 {
         let slope = gradient_at(self.terrain.elevation_m, cell).map_or(0.0, crate::terrain::Gradient::slope);
         let code = self.terrain.soil.map_or(0, |soil| soil[cell]);
         let class = SoilClass::ALL[usize::from(code)];
         let traffic = Trafficability::of(self.vehicle, class, self.params.moisture_percent);
-        let speed = |grade| super::ground::speed_mps(self.vehicle, &traffic, grade);
-        let seconds = |grade| speed(grade).map_or(0.0, |speed| 1.0 / speed);
-        f64::midpoint(seconds(slope / 2.0), seconds(-slope / 2.0))
+        let objective = &self.request.objective;
+        let cost = |grade| super::ground::cost_per_m(self.vehicle, &traffic, grade, objective).unwrap_or(0.0);
+        let mean = f64::midpoint(cost(slope / 2.0), cost(-slope / 2.0));
+        let factor = self.terrain.cost_factor.map_or(1.0, |factor| f64::from(factor[cell]));
+        mean * factor
+    }
+
+    /// The least cost of a metre that the swarm tells from others: at most a thousandth of the greatest of the user's
+    /// factors, where there are factors.
+    fn least_pace(&self) -> f64 {
+        let objective = &self.request.objective;
+        let idle = objective.energy * self.vehicle.idle_power_w / self.vehicle.power_w;
+        let flat = ((objective.time + idle) / self.vehicle.max_speed_mps).max(1e-9);
+        let Some(factors) = self.terrain.cost_factor else {
+            return flat;
+        };
+        let finite = factors.data().iter().copied().filter(|factor| factor.is_finite());
+        let (least, most) = finite.fold((f32::INFINITY, 0.0f32), |(least, most), factor| {
+            (least.min(factor), most.max(factor))
+        });
+        if most > 0.0 {
+            flat * f64::from(least).max(1e-3 * f64::from(most))
+        } else {
+            flat
+        }
     }
 
     /// Settles everything near the best route and plans again until that gains next to nothing; returns the way.
@@ -342,7 +365,7 @@ impl Planner<'_> {
             let nests = colony.take_nests()?;
             let found = match self.snap(&nests, false) {
                 Ok(ends) if ends.connected => {
-                    let ground = self.ground(&nests, &ends, false);
+                    let ground = self.ground(&nests, &ends, false, &mut 0);
                     search(&ground, ends.start.0, ends.goal.0, &mut silent())
                 }
                 _ => Search::Unreachable,

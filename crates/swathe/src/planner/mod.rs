@@ -3,6 +3,7 @@
 mod answer;
 mod any_angle;
 mod cells;
+mod clearance;
 mod cost_segments;
 mod drivable;
 mod eikonal;
@@ -36,7 +37,7 @@ pub use drivable::{
     dubins, reeds_shepp,
 };
 pub use eikonal::eikonal_field;
-pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use path_kind::PathKind;
 pub use plan::plan;
@@ -96,6 +97,28 @@ pub enum PlannerError {
         given: f64,
         /// What is allowed.
         allowed: &'static str,
+    },
+    /// An objective that no way can be measured by.
+    #[error("The objective's {name} of {given} is not usable: {allowed}.")]
+    Objective {
+        /// What of it.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A user's cost factor below zero.
+    #[error(
+        "The cost factor {factor} at cell ({row}, {column}) is negative: factors must be at least 0, NaN or infinite where closed."
+    )]
+    NegativeFactor {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// Its factor.
+        factor: f32,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]

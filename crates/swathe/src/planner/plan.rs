@@ -1,7 +1,7 @@
 //! The whole of planning: corridor, swarm, nests, search, shortcuts, certificate.
 
 use crate::corridor::{ArcKind, Corridor, capsule_half_width_m};
-use crate::grid::{Cell, GridGeometry, Layer, Position};
+use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position};
 use crate::nest::{BitRows, Nests, exact_nests};
 use crate::rank::{CellSource, RankParams, Ranker};
 use crate::swarm::{Colony, Ending};
@@ -9,9 +9,10 @@ use crate::vehicle::Vehicle;
 
 use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 use super::any_angle::{best_refined, centres, lazy_theta};
+use super::clearance::ClearanceField;
 use super::ground::Ground;
 use super::path_kind::{EightNeighbours, PathKind};
-use super::refusal::{Refusal, Status, blocked_end, disconnected};
+use super::refusal::{Refusal, Status, blocked_end, disconnected, limited};
 use super::route::Route;
 use super::search::{Search, search};
 use super::smooth::{drop_collinear, shorten};
@@ -38,6 +39,8 @@ pub fn plan(
 ) -> Result<Plan, PlannerError> {
     request.swarm.validate()?;
     let geometry = terrain.elevation_m.geometry();
+    request.objective.validate(geometry.cell_size_m())?;
+    check_factor(terrain.cost_factor)?;
     let mut answer = Plan::empty();
     let mut ends = Vec::new();
     for (name, place) in [("start", request.start), ("goal", request.goal)] {
@@ -72,6 +75,22 @@ pub fn plan(
             planner.with_guided_swarm(answer, report)
         }
         Method::Swarm => planner.with_swarm(answer, report),
+    }
+}
+
+/// Checks a user's factor on costs.
+///
+/// # Errors
+/// [`PlannerError::NegativeFactor`] naming the first cell with a factor below zero.
+pub(super) fn check_factor(factor: Option<LayerView<f32>>) -> Result<(), PlannerError> {
+    let Some(factors) = factor else { return Ok(()) };
+    match factors.data().iter().position(|&factor| factor < 0.0) {
+        None => Ok(()),
+        Some(index) => {
+            let Cell { row, column } = factors.geometry().cell(index);
+            let factor = factors.data()[index];
+            Err(PlannerError::NegativeFactor { row, column, factor })
+        }
     }
 }
 
@@ -301,7 +320,7 @@ impl Planner<'_> {
         if !report(Stage::Route, 0, 0) {
             return Err(PlannerError::Stopped);
         }
-        let ground = self.ground(&nests, &ends, bridging);
+        let ground = self.ground(&nests, &ends, bridging, &mut answer.cells_evaluated);
         let (first, last) = (ends.start.0, ends.goal.0);
         let mut tell = |done, total| report(Stage::Route, done, total);
         let found = match self.request.path {
@@ -313,8 +332,9 @@ impl Planner<'_> {
         match found {
             Search::Stopped => return Err(PlannerError::Stopped),
             Search::Unreachable => {
+                let limited = limited(&ground, &nests, [ends.start.0, ends.goal.0], self.vehicle);
                 drop(ground);
-                let refusal = self.why_disconnected(&nests, &ends);
+                let refusal = limited.unwrap_or_else(|| self.why_disconnected(&nests, &ends));
                 answer.nests = Some(nests);
                 return Ok(answer.refused(refusal));
             }
@@ -323,11 +343,13 @@ impl Planner<'_> {
                 match self.route(&ground, &cells, &answer, report)? {
                     Ok(route) => {
                         let ends = (route.legs.first(), route.legs.last());
-                        let direct_m = match ends {
-                            (Some(first), Some(last)) => first.from.distance_m(last.to),
+                        let least = match ends {
+                            (Some(first), Some(last)) => {
+                                ground.least_cost(first.from, last.to, first.from.distance_m(last.to))
+                            }
                             _ => 0.0,
                         };
-                        answer.cost_lower_bound = Some(ground.least_cost_per_m() * direct_m);
+                        answer.cost_lower_bound = Some(least);
                         answer = self.driven(&ground, route, answer, report)?;
                     }
                     Err(_) => unreachable_segment(&mut answer),
@@ -349,22 +371,19 @@ impl Planner<'_> {
         }
     }
 
-    pub(super) fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool) -> Ground<'_> {
+    /// The ground of the nest that holds the start, or of all nests and what bridges them, priced by the objective. Cells
+    /// whose rank the pricing asks for are added to `evaluated`.
+    pub(super) fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool, evaluated: &mut u64) -> Ground<'_> {
         let geometry = self.geometry();
         let labels = nests.labels().data();
         let nest = nests.label(ends.start.0);
         let goal = geometry.centre(ends.goal.0);
         let Terrain { elevation_m, soil, .. } = self.terrain;
         if !bridging {
-            return Ground::new(
-                elevation_m,
-                soil,
-                self.vehicle,
-                self.params.moisture_percent,
-                |index| labels[index] == nest,
-                None,
-                goal,
-            );
+            let is_open = |index: usize| labels[index] == nest;
+            let moisture = self.params.moisture_percent;
+            let ground = Ground::new(elevation_m, soil, self.vehicle, moisture, is_open, None, goal);
+            return self.priced(ground, is_open, ends, evaluated);
         }
         let rank_min = self.request.swarm.nest.rank_min;
         let bridged = BitRows::from_fn(geometry, |row, column| {
@@ -372,15 +391,44 @@ impl Planner<'_> {
             nests.label(cell) == 0 && self.ranker.cell_rank(cell).rank() >= rank_min
         });
         let open = bridged.clone();
-        Ground::new(
+        let is_open = |index: usize| labels[index] > 0 || open.get(geometry.cell(index));
+        let ground = Ground::new(
             elevation_m,
             soil,
             self.vehicle,
             self.params.moisture_percent,
-            |index| labels[index] > 0 || open.get(geometry.cell(index)),
+            is_open,
             Some(bridged),
             goal,
-        )
+        );
+        self.priced(ground, is_open, ends, evaluated)
+    }
+
+    /// Lets a ground cost what the request says.
+    fn priced<'a>(
+        &self,
+        ground: Ground<'a>,
+        is_open: impl Fn(usize) -> bool + Sync,
+        ends: &Ends,
+        evaluated: &mut u64,
+    ) -> Ground<'a>
+    where
+        Self: 'a,
+    {
+        let mut ground = ground.with_objective(self.request.objective);
+        if self.request.objective.risk > 0.0 {
+            let field = ClearanceField::new(self.ranker, is_open, ground.risk_reach_m());
+            let all = self.geometry().cell_count() as u64;
+            *evaluated = (*evaluated + field.cells_evaluated).min(all.max(*evaluated));
+            ground = ground.with_exposure(move |cell| field.exposure(cell));
+        }
+        if let Some(factor) = self.terrain.cost_factor {
+            ground = ground.with_factor(factor);
+        }
+        if self.request.reversed {
+            ground = ground.reversed(self.geometry().centre(ends.goal.0));
+        }
+        ground
     }
 
     fn why_disconnected(&self, nests: &Nests, ends: &Ends) -> Refusal {
@@ -416,7 +464,8 @@ impl Planner<'_> {
         // Within two vicinities of the border nests can be smaller than they would be on the whole map.
         half_m = (half_m - (2.0 * self.vicinity_reach() + 1.0) * geometry.cell_size_m()).max(0.0);
         let direct_m = start.distance_m(goal);
-        cost <= ground.least_cost_per_m() * direct_m.hypot(2.0 * half_m)
+        // All of the map was searched, or the bound of a way that has to leave it decides.
+        half_m.is_infinite() || cost <= ground.least_cost(start, goal, direct_m.hypot(2.0 * half_m))
     }
 
     /// Makes the kind of path that was asked for of the way, with the exact ends joined to it where that can be driven.

@@ -10,7 +10,7 @@ use super::smooth::shorten;
 const MOST_PASSES: usize = 6;
 
 /// Least relative gain of a pass that counts as one.
-const LEAST_GAIN: f64 = 1e-9;
+const LEAST_GAIN: f64 = 1e-6;
 
 /// Shortest segments that a way is divided into, in cells.
 const FINEST_CELLS: f64 = 2.0;

@@ -105,6 +105,7 @@ impl<'a, 'g> Drive<'a, 'g> {
         let longer = self.params.reverse_factor;
         facts.energy_j += (longer - 1.0) * facts.time_s * self.vehicle.idle_power_w;
         facts.time_s *= longer;
+        facts.risk_s *= longer;
         facts.cost *= longer;
     }
 
@@ -155,7 +156,7 @@ impl<'a, 'g> Drive<'a, 'g> {
 
     /// Length of a word in turning radii, reversing and changes of direction counted at their cost.
     fn weighted(&self, word: &Word) -> f64 {
-        let cusp = self.cusp_cost / (self.ground.least_cost_per_m() * self.radius_m());
+        let cusp = self.params.cusp_time_s * self.vehicle.max_speed_mps / self.radius_m();
         word.weighted(self.params.reverse_factor, cusp)
     }
 
@@ -252,6 +253,7 @@ fn lengthen(facts: &mut SegmentFacts, stretch: f64) {
     facts.time_s *= stretch;
     facts.cost *= stretch;
     facts.energy_j *= stretch;
+    facts.risk_s *= stretch;
     facts.bridged_m *= stretch;
     for metres in &mut facts.soil_m {
         *metres *= stretch;
