@@ -168,6 +168,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "A weight of 0.5 for the bound is not usable: 1 to 1000 is allowed.",
         "Give 1 to 1000.",
     ),
+    "planner.drivable": (
+        InvalidParameterError,
+        "A width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
     "planner.objective": (
         InvalidParameterError,
         "The objective's width of -1 is not usable: it must be above 0.",

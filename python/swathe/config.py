@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -53,7 +54,8 @@ class Settings:
     """How the ground is judged and the route is found.
 
     ``agents``, ``pellet_max`` and ``arc`` are the profile's when None: 1024, 1 and a re-laid arc, or with the paper's
-    profiles 10, 3 and a circle.
+    profiles 10, 3 and a circle. Bearings are those of the nose at the ends of a drivable path, clockwise from the map's
+    north; free when None.
     """
 
     vehicle: str = "pioneer-3at"
@@ -67,7 +69,9 @@ class Settings:
     arc: Literal["relaid", "spine", "circle", "line"] | None = None
     sagitta_m: float | None = None
     width_m: float | None = None
-    path: PathKind = "grid16"
+    path: PathKind = "auto"
+    start_bearing_deg: float | None = None
+    goal_bearing_deg: float | None = None
     objective: Objective = field(default_factory=Objective)
     bridge: bool = False
     certify: bool = False
@@ -87,10 +91,26 @@ class Settings:
             seed=self.seed,
         )
 
+    def headings_rad(self) -> tuple[float | None, float | None]:
+        """Return the headings at start and goal, counter-clockwise from east.
+
+        Raises:
+            InvalidParameterError: a bearing is not finite.
+        """
+        return _heading_rad(self.start_bearing_deg), _heading_rad(self.goal_bearing_deg)
+
     def corridor_params(self) -> CorridorParams:
         """Return the arc and width of the swathe."""
         arc = self.arc or ("circle" if self.follows_paper else "relaid")
         return CorridorParams(arc, self.sagitta_m, self.width_m)
+
+
+def _heading_rad(bearing_deg: float | None) -> float | None:
+    if bearing_deg is None:
+        return None
+    if not math.isfinite(bearing_deg):
+        raise InvalidParameterError(f"A bearing of {bearing_deg} is not a direction.", "Give degrees from north.")
+    return math.radians(90 - bearing_deg)
 
 
 def use_threads(threads: int | None) -> None:

@@ -13,7 +13,7 @@ from swathe import nest as nesting
 from swathe.config import require_swarm
 from swathe.errors import InterruptedBySignalError
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
-from swathe.export.geojson import nest_collection, route_collection
+from swathe.export.geojson import drivable_collection, nest_collection, route_collection
 from swathe.io.raster import write_raster
 from swathe.io.window import bounded, first_window, larger_window
 from swathe.preparation import Stopwatch, open_source, place_of, prepare
@@ -54,6 +54,7 @@ def plan_route(
     watch = Stopwatch()
     require_swarm(settings, animate=animate)
     stop = settings.stop
+    headings_rad = settings.headings_rad()
     with run_folder(out) as folder:
         vehicle = load_vehicle(settings.vehicle)
         with watch.step("open"):
@@ -77,6 +78,8 @@ def plan_route(
                         swarm=settings.swarm_params(),
                         corridor=settings.corridor_params(),
                         path=settings.path,
+                        start_heading_rad=headings_rad[0],
+                        goal_heading_rad=headings_rad[1],
                         bridge=settings.bridge,
                         certify=settings.certify,
                         stop=stop,
@@ -242,6 +245,8 @@ def _write(
     if answer is not None:
         with watch.step("write_route"):
             write_text(folder / "route.geojson", to_json(route_collection(answer.route, frame, origin)))
+            if answer.drivable is not None:
+                write_text(folder / "drivable.geojson", to_json(drivable_collection(answer.drivable, frame, origin)))
     _tell(on_progress, "writing", 1, 5)
     with watch.step("write_maps"):
         outlines: list[nesting.Outline] = []

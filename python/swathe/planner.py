@@ -11,6 +11,7 @@ import numpy as np
 
 from swathe import _core
 from swathe.corridor import Corridor, CorridorParams
+from swathe.drivable import DrivablePath, wrapped
 from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from swathe.objective import CostFunction, Word
     from swathe.rank import Region
 
-PathKind = Literal["grid8", "grid16", "any-angle"]
+PathKind = Literal["auto", "grid8", "grid16", "any-angle", "drivable"]
 Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
 
 
@@ -321,6 +322,7 @@ class Plan:
         reason: why there is none, in one sentence.
         place: where.
         remedy: the nearest thing that would change it.
+        drivable: the arcs that follow the route within the vehicle's turning radius, where they were asked for.
         path: cells of the way over the grid, before shortcuts and refinement.
         path_cost: its cost in seconds, weighted by the objective.
         cost_lower_bound: no way from start to goal costs less.
@@ -340,6 +342,7 @@ class Plan:
     reason: str | None
     place: Position | None
     remedy: str | None
+    drivable: DrivablePath | None
     path: list[Cell]
     path_cost: float | None
     cost_lower_bound: float | None
@@ -362,7 +365,9 @@ def plan(
     method: Literal["swarm", "exact"] = "swarm",
     swarm: SwarmParams | None = None,
     corridor: CorridorParams | None = None,
-    path: PathKind = "grid16",
+    path: PathKind = "auto",
+    start_heading_rad: float | None = None,
+    goal_heading_rad: float | None = None,
     bridge: bool = False,
     certify: bool = False,
     stop: StopParams | None = None,
@@ -384,7 +389,12 @@ def plan(
         swarm: the swarm's parameters; its nest parameters hold for ``exact`` too.
         corridor: arc and width of the swathe.
         path: what the route is made of. ``grid8``: steps to 8 neighbours as they are; ``grid16``: steps to 16
-            neighbours, then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
+            neighbours, then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere; ``drivable``: as
+            ``grid16``, then followed by arcs within the vehicle's turning radius (``Plan.drivable``); ``auto``:
+            ``drivable`` for a vehicle that cannot turn in place where its radius spans a cell, else ``grid16``.
+        start_heading_rad: where the nose points at the start of a drivable path, counter-clockwise from east; free when
+            None.
+        goal_heading_rad: the same at the goal.
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
         stop: when the swarm stops and what it may spend. Stopped early, it answers with the route that is known by
@@ -422,6 +432,8 @@ def plan(
         "sagitta_m": corridor.sagitta_m,
         "width_m": corridor.width_m,
         "path": path,
+        "start_heading_rad": start_heading_rad,
+        "goal_heading_rad": goal_heading_rad,
         "bridge": bridge,
         "certify": certify,
         "objective": as_objective(objective).core_argument(),
@@ -496,6 +508,7 @@ def _plan(found: dict[str, Any]) -> Plan:
         reason=found.get("reason"),
         place=None if place is None else Position(*place),
         remedy=found.get("remedy"),
+        drivable=wrapped(found["drivable"]) if "drivable" in found else None,
         path=[Cell(*cell) for cell in found["path"]],
         path_cost=found["path_cost"],
         cost_lower_bound=found["cost_lower_bound"],

@@ -134,6 +134,39 @@ def stop_notes(stopped: swarm.Stopped | None, settings: Settings) -> list[str]:
     return notes
 
 
+def _turning_notes(ground: Ground, answer: Plan, settings: Settings) -> list[str]:
+    """Say what is known of the turns of a route; nothing for vehicles that turn in place."""
+    radius_m, cell_size_m = ground.region.vehicle.min_turn_radius_m, ground.region.geometry.cell_size_m
+    if radius_m == 0 or answer.route is None:
+        return []
+    path = answer.drivable
+    if path is not None:
+        changes = "no change" if path.cusps == 0 else f"{path.cusps} change{'s' if path.cusps > 1 else ''}"
+        note = f"The drivable path keeps a turning radius of {radius_m:g} m: {path.length_m:.0f} m in "
+        return [note + f"{path.time_s:.0f} s, {changes} of direction, {path.reverse_m:.0f} m in reverse."]
+    if settings.path == "auto" and radius_m < cell_size_m:
+        note = f"The vehicle's turning radius of {radius_m:g} m is below a terrain cell of {cell_size_m:g} m; "
+        return [note + "turns were not checked."]
+    return [f"Turns were not checked against the vehicle's turning radius of {radius_m:g} m (path {settings.path})."]
+
+
+def _drivable_summary(answer: Plan) -> dict[str, Any] | None:
+    path = answer.drivable
+    if path is None:
+        return None
+    return {
+        "length_m": path.length_m,
+        "duration_s": path.time_s,
+        "energy_j": path.energy_j,
+        "cost": path.cost,
+        "turning_radius_m": path.radius_m,
+        "direction_changes": path.cusps,
+        "reverse_m": path.reverse_m,
+        "arcs": len(path.arcs),
+        "states": path.states,
+    }
+
+
 def plan_summary(
     ground: Ground,
     answer: Plan,
@@ -151,6 +184,7 @@ def plan_summary(
     if corridor is not None and corridor.widened:
         times = "once" if corridor.widened == 1 else f"{corridor.widened} times"
         notes.append(f"The swathe was widened {times}, to {corridor.width_m:.0f} m.")
+    notes += _turning_notes(ground, answer, settings)
     if not ground.is_whole:
         notes.append("Only the part of the map around start and goal was read.")
     notes += stop_notes(answer.stopped, settings)
@@ -161,6 +195,7 @@ def plan_summary(
         "where": place.in_words(answer.place, ground.frame),
         "remedy": answer.remedy,
         "path": settings.path,
+        "drivable": _drivable_summary(answer),
         "length_m": None if route is None else route.length_m,
         "straight_m": float(np.hypot(ends[0].x_m - ends[1].x_m, ends[0].y_m - ends[1].y_m)),
         "objective": settings.objective.text,

@@ -92,7 +92,8 @@ impl CoreError {
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
-                | PlannerError::Swarm(SwarmError::Parameter { .. }),
+                | PlannerError::Swarm(SwarmError::Parameter { .. })
+                | PlannerError::Drivable { .. },
             ) => Class::Parameter("Leave it out for the usual value."),
             Self::Nest(error)
             | Self::Swarm(SwarmError::Nest(error))
@@ -312,6 +313,10 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("planner.neighbours", PlannerError::Neighbours { given: 5 }.into()),
         ("planner.weight", PlannerError::Weight { weight: 0.5 }.into()),
+        (
+            "planner.drivable",
+            PlannerError::Drivable { name, given, allowed }.into(),
+        ),
         (
             "planner.objective",
             PlannerError::Objective { name, given, allowed }.into(),

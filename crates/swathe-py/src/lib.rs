@@ -6,6 +6,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod convert;
+mod drivable;
 mod error;
 mod grids;
 mod nest;
@@ -21,6 +22,8 @@ mod vehicle;
 
 #[pyo3::pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
     #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]

@@ -10,6 +10,7 @@ use swathe::planner::{
 };
 
 use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
+use crate::drivable::driven;
 use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
@@ -143,6 +144,8 @@ fn path_kind(given: &str) -> PyResult<PathKind> {
         ("grid8", PathKind::Grid8),
         ("grid16", PathKind::Grid16),
         ("any-angle", PathKind::AnyAngle),
+        ("drivable", PathKind::Drivable),
+        ("auto", PathKind::Auto),
     ];
     word("path", given, &known)
 }
@@ -219,6 +222,10 @@ pub(crate) fn plan<'py>(
         arc: arc_kind(&entry::<String>(request, "arc")?, entry(request, "sagitta_m")?)?,
         width_m: entry(request, "width_m")?,
         path: path_kind(&entry::<String>(request, "path")?)?,
+        headings_rad: [
+            entry(request, "start_heading_rad")?,
+            entry(request, "goal_heading_rad")?,
+        ],
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
         objective: objective(request)?,
@@ -295,6 +302,9 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
             found.set_item("remedy", &refusal.remedy)?;
         }
     }
+    if let Some(path) = &plan.drivable {
+        found.set_item("drivable", driven(py, path)?)?;
+    }
     let path: Vec<(usize, usize)> = plan.path.iter().map(|cell| (cell.row, cell.column)).collect();
     found.set_item("path", path)?;
     found.set_item("path_cost", plan.path_cost)?;
@@ -342,7 +352,7 @@ fn leg<'py>(py: Python<'py>, leg: &Leg) -> PyResult<Bound<'py, PyDict>> {
     Ok(found)
 }
 
-fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Bound<'py, PyDict>> {
     let found = PyDict::new(py);
     found.set_item("length_m", facts.length_m)?;
     found.set_item("time_s", facts.time_s)?;

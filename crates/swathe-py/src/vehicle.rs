@@ -43,6 +43,7 @@ impl Vehicle {
             ground_clearance_m: number("ground_clearance_m")?,
             mass_kg: number("mass_kg")?,
             max_speed_mps: number("max_speed_mps")?,
+            min_turn_radius_m: number("min_turn_radius_m")?,
             reaction_time_s: number("reaction_time_s")?,
             sight_distance_m: number("sight_distance_m")?,
             grade_up: number("grade_up")?,

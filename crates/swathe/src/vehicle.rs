@@ -68,6 +68,8 @@ pub struct Vehicle {
     pub mass_kg: f64,
     /// Greatest speed in m/s.
     pub max_speed_mps: f64,
+    /// Least turning radius in metres; 0 turns in place.
+    pub min_turn_radius_m: f64,
     /// Reaction time before braking, in seconds.
     pub reaction_time_s: f64,
     /// How far ahead obstacles are seen, in metres.
@@ -161,6 +163,7 @@ impl Vehicle {
         }
         let not_negative = [
             ("ground clearance in metres", self.ground_clearance_m),
+            ("least turning radius in metres", self.min_turn_radius_m),
             ("reaction time in seconds", self.reaction_time_s),
             ("step height in metres", self.step_height_m),
             ("idle power in watts", self.idle_power_w),
@@ -311,6 +314,7 @@ pub(crate) mod fixtures {
             ground_clearance_m: 0.08,
             mass_kg: 20.0,
             max_speed_mps: 0.7,
+            min_turn_radius_m: 0.0,
             reaction_time_s: 0.3,
             sight_distance_m: 8.0,
             grade_up: 0.25,
@@ -344,6 +348,7 @@ pub(crate) mod fixtures {
             width_m: 2.2,
             mass_kg: 5000.0,
             max_speed_mps: 8.0,
+            min_turn_radius_m: 4.8,
             sight_distance_m: 40.0,
             grade_up: 0.30,
             grade_down: 0.30,

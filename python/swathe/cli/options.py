@@ -95,12 +95,18 @@ Arc = Annotated[
 Sagitta = Annotated[float | None, typer.Option("--sagitta", help="Height of the circular arc over its chord, metres.")]
 Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe, metres. [default: 1/4 of the way]")]
 PathOption = Annotated[
-    Literal["grid8", "grid16", "any-angle"],
+    Literal["auto", "grid8", "grid16", "any-angle", "drivable"],
     typer.Option(
         "--path",
-        help="grid8: steps to 8 neighbours. grid16: to 16, then shortcuts. any-angle: vertices anywhere.",
+        help="grid8: steps to 8 neighbours. grid16: to 16, then shortcuts. any-angle: vertices anywhere. drivable: "
+        "arcs within the turning radius. auto: drivable for vehicles that need it on cells fine enough, else grid16.",
     ),
 ]
+StartBearing = Annotated[
+    float | None,
+    typer.Option("--start-bearing", help="Degrees from north of the nose at the start of a drivable path."),
+]
+GoalBearing = Annotated[float | None, typer.Option("--goal-bearing", help="The same at the goal.")]
 SoilTable = Annotated[
     Literal["text", "table2"], typer.Option("--soil-table", help="Goodness of silt: the paper's text 2, its table 3.")
 ]
@@ -199,7 +205,9 @@ def settings_of(
     arc: Literal["relaid", "spine", "circle", "line"] | None = None,
     sagitta: float | None = None,
     width: float | None = None,
-    path: Literal["grid8", "grid16", "any-angle"] = "grid16",
+    path: Literal["auto", "grid8", "grid16", "any-angle", "drivable"] = "auto",
+    start_bearing: float | None = None,
+    goal_bearing: float | None = None,
     objective: str = "time",
     bridge: bool = False,
     certify: bool = False,
@@ -240,6 +248,8 @@ def settings_of(
         sagitta_m=sagitta,
         width_m=width,
         path=path,
+        start_bearing_deg=start_bearing,
+        goal_bearing_deg=goal_bearing,
         objective=as_objective(objective),
         bridge=bridge,
         certify=certify,

@@ -5,6 +5,7 @@ use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
 use crate::swarm::{Budget, StopRule, SwarmParams, Tally};
 
+use super::drivable::DrivablePath;
 use super::path_kind::PathKind;
 use super::refusal::Refusal;
 use super::route::Route;
@@ -65,6 +66,8 @@ pub struct PlanRequest {
     pub width_m: Option<f64>,
     /// Which kind of path the route follows.
     pub path: PathKind,
+    /// Headings at start and goal, counter-clockwise from east; free where not given. They hold for driven paths.
+    pub headings_rad: [Option<f64>; 2],
     /// Whether suitable ground outside the nests may be crossed, at three times the cost, when nothing else connects.
     pub bridge: bool,
     /// Whether the swathe is widened until the route is known to be the best of the whole map.
@@ -94,6 +97,8 @@ pub struct SwarmReport {
 pub struct Plan {
     /// Route or refusal.
     pub answer: Result<Route, Refusal>,
+    /// The arcs that follow the route within the vehicle's turning radius, where it was asked for.
+    pub drivable: Option<DrivablePath>,
     /// Cells of the way before shortcuts.
     pub path: Vec<Cell>,
     /// Cost of that way in seconds, weighted by the objective.
@@ -125,6 +130,7 @@ impl Plan {
                 legs: Vec::new(),
                 total: SegmentFacts::default(),
             }),
+            drivable: None,
             path: Vec::new(),
             path_cost: None,
             cost_lower_bound: None,

@@ -5,6 +5,7 @@ mod any_angle;
 mod cells;
 mod clearance;
 mod cost_segments;
+mod drivable;
 mod eikonal;
 mod ground;
 mod guided;
@@ -34,6 +35,10 @@ pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Ter
 pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
 pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
+pub use drivable::{
+    CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, DrivenWay, Pose, drivable_path, drivable_way,
+    dubins, reeds_shepp,
+};
 pub use eikonal::eikonal_field;
 pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
@@ -87,6 +92,16 @@ pub enum PlannerError {
     Weight {
         /// The value given.
         weight: f64,
+    },
+    /// A figure of a drivable path that is not usable.
+    #[error("A {name} of {given} is not usable: {allowed}.")]
+    Drivable {
+        /// What it is.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
     },
     /// An objective that no way can be measured by.
     #[error("The objective's {name} of {given} is not usable: {allowed}.")]

@@ -1,6 +1,7 @@
 //! Which kind of path a route follows.
 
 use crate::grid::{Cell, EIGHT, GridGeometry, Step};
+use crate::vehicle::Vehicle;
 
 use super::ground::Ground;
 use super::search::StepGraph;
@@ -11,10 +12,25 @@ pub enum PathKind {
     /// Steps to 8 neighbours, as they are.
     Grid8,
     /// Steps to 16 neighbours, then shortcuts.
-    #[default]
     Grid16,
     /// Straight segments at any angle.
     AnyAngle,
+    /// As `Grid16`, then followed by arcs within the vehicle's turning radius.
+    Drivable,
+    /// `Drivable` for a vehicle that cannot turn in place where its turning radius spans a terrain cell, else `Grid16`.
+    #[default]
+    Auto,
+}
+
+impl PathKind {
+    /// Whether the route is followed by arcs.
+    pub(super) fn is_driven(self, vehicle: &Vehicle, cell_size_m: f64) -> bool {
+        match self {
+            Self::Grid8 | Self::Grid16 | Self::AnyAngle => false,
+            Self::Drivable => true,
+            Self::Auto => vehicle.min_turn_radius_m > 0.0 && vehicle.min_turn_radius_m >= cell_size_m,
+        }
+    }
 }
 
 /// The ground with steps to 8 neighbours only.

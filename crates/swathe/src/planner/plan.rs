@@ -302,7 +302,9 @@ impl Planner<'_> {
         let mut tell = |done, total| watch.ask(Stage::Route, done, total);
         let found = match self.request.path {
             PathKind::Grid8 => search(&EightNeighbours(&ground), first, last, &mut tell),
-            PathKind::Grid16 | PathKind::AnyAngle => search(&ground, first, last, &mut tell),
+            PathKind::Grid16 | PathKind::AnyAngle | PathKind::Drivable | PathKind::Auto => {
+                search(&ground, first, last, &mut tell)
+            }
         };
         match found {
             Search::Stopped => return Err(PlannerError::Stopped),
@@ -328,7 +330,7 @@ impl Planner<'_> {
                             _ => 0.0,
                         };
                         answer.cost_lower_bound = Some(least);
-                        answer.answer = Ok(route);
+                        answer = self.driven(&ground, route, answer, report)?;
                     }
                     Err(_) => unreachable_segment(&mut answer),
                 }
@@ -462,7 +464,7 @@ impl Planner<'_> {
         let steps = centres(ground, cells);
         let points = match self.request.path {
             PathKind::Grid8 => joined(drop_collinear(&steps)),
-            PathKind::Grid16 => joined(shorten(ground, &steps)),
+            PathKind::Grid16 | PathKind::Drivable | PathKind::Auto => joined(shorten(ground, &steps)),
             PathKind::AnyAngle => {
                 let mut tell = |done, total| watch.ask(Stage::Route, done, total);
                 let (first, last) = (cells[0], cells[cells.len() - 1]);

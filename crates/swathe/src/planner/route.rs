@@ -78,7 +78,7 @@ impl Route {
     }
 }
 
-fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
+pub(super) fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
     total.length_m += leg.length_m;
     total.time_s += leg.time_s;
     total.cost += leg.cost;

@@ -41,6 +41,7 @@ pub(super) fn request(geometry: GridGeometry, start: (usize, usize), goal: (usiz
         },
         arc: ArcKind::Spine,
         width_m: None,
+        headings_rad: [None; 2],
         path: PathKind::default(),
         bridge: false,
         certify: false,
