@@ -13,6 +13,7 @@ mod planner;
 mod progress;
 mod rank;
 mod region;
+mod repair;
 mod soil;
 mod swarm;
 mod terrain;
@@ -32,6 +33,8 @@ mod _core {
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
     use crate::region::{Region, defaults};
+    #[pymodule_export]
+    use crate::repair::Replanner;
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
