@@ -82,7 +82,8 @@ def test_any_sequence_costs_what_a_fresh_plan_costs(
 
 
 def test_a_patch_beside_the_robot_costs_scipys_dijkstra_and_little_work() -> None:
-    costs = 1 + np.abs(smooth_hills(3, 90, 110, height_m=6.0, cell_size_m=1.0, wave_m=30.0)).astype(np.float64)
+    hills = smooth_hills(3, 90, 110, height_m=6.0, cell_size_m=1.0, wave_m=30.0)
+    costs = 1 + np.abs(hills - 500).astype(np.float64)
     replanner = Replanner(costs, (4, 5), (80, 100), keep_expanded=True)
     way = replanner.path()
     assert isinstance(way, Path)
@@ -93,9 +94,9 @@ def test_a_patch_beside_the_robot_costs_scipys_dijkstra_and_little_work() -> Non
     replanner.move_to(robot)
     replanner.path()
     assert replanner.tally.expanded == 0
-    rows, columns = slice(robot.row - 5, robot.row + 5), slice(robot.column + 2, robot.column + 12)
-    replanner.update(rows, columns, costs[rows, columns] * 4)
-    costs[rows, columns] *= 4
+    rows, columns = slice(robot.row - 3, robot.row + 4), slice(robot.column + 2, robot.column + 9)
+    replanner.update(rows, columns, costs[rows, columns] * 2)
+    costs[rows, columns] *= 2
     found = replanner.path()
     assert isinstance(found, Path)
     graph = graph_of(costs, 1.0, 8, "keep")

@@ -131,9 +131,7 @@ def _drive(
             if place % 3 == 0 or place == last:
                 fade = max(0.0, 1 - place / 12)
                 scenes.append(
-                    _Scene(
-                        costs.copy(), ahead[place:], driven[:], squares[:], looked_at, fade, counts, words, _STEP_MS
-                    )
+                    _Scene(costs.copy(), ahead[place:], driven[:], squares[:], looked_at, fade, counts, words, _STEP_MS)
                 )
         if patch is None or last == len(ahead) - 1:
             break
@@ -146,9 +144,7 @@ def _drive(
         none = np.zeros(shape, dtype=np.bool_)
         words = f"Cells become {patch.kind}."
         scenes.append(
-            _Scene(
-                costs.copy(), ahead[last:], driven[:], squares[:], (none, none), 0.0, ("", ""), words, _CHANGE_MS
-            )
+            _Scene(costs.copy(), ahead[last:], driven[:], squares[:], (none, none), 0.0, ("", ""), words, _CHANGE_MS)
         )
         replanner.update(rows, columns, values)
         found = replanner.path()
@@ -165,14 +161,10 @@ def _drive(
         counts = (f"{latest[0]:,} cells, {sums[0]:,} in all", f"{latest[1]:,} cells, {sums[1]:,} in all")
         same = "equal cost" if found.cost == again.cost else f"costs {found.cost!r} and {again.cost!r}"
         words = f"Cells became {patch.kind}: {same}, {latest[1] / max(1, latest[0]):,.0f} times fewer cells expanded."
-        scenes.append(
-            _Scene(costs.copy(), way.cells, driven[:], squares[:], looked_at, 1.0, counts, words, _ANSWER_MS)
-        )
+        scenes.append(_Scene(costs.copy(), way.cells, driven[:], squares[:], looked_at, 1.0, counts, words, _ANSWER_MS))
     end = scenes[-1]
     words = f"At the goal. Cells expanded in all: {sums[0]:,} repaired, {sums[1]:,} planned afresh."
-    scenes.append(
-        _Scene(end.costs, (), driven[:], squares[:], (~first & first,) * 2, 0.0, end.counts, words, _LAST_MS)
-    )
+    scenes.append(_Scene(end.costs, (), driven[:], squares[:], (~first & first,) * 2, 0.0, end.counts, words, _LAST_MS))
     return scenes
 
 

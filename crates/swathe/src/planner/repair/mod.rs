@@ -59,9 +59,14 @@ const POCKET_CELLS: usize = 1024;
 /// Bits of the infinite cost. State is stored xored with it, so that memory that was never touched means infinite.
 const INFINITE: u64 = f64::INFINITY.to_bits();
 
-/// Mark of a cell: its step towards the goal plus one, 0 when there is none, and a bit to tell cells apart in lists.
+/// Mark of a cell: its step towards the goal plus one, 0 when there is none.
 const STEP: u8 = 0x1f;
+
+/// Mark of a cell that a list holds already.
 const LISTED: u8 = 0x20;
+
+/// Mark of a cell whose way was withdrawn: what it is promised is no more than a lower bound until it is looked at again.
+const UNSURE: u8 = 0x40;
 
 /// What the searches of a [`Repair`] have done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -297,7 +302,8 @@ impl Repair {
     fn is_current(&self, graph: &impl ChangingGraph) -> bool {
         let [settled, promised] = self.values(self.geometry.index(self.start));
         let Some((floor, at)) = self.floor else { return false };
-        settled == promised && floor - graph.least(at, self.start) >= f64::from_bits(settled)
+        let unsure = self.marks[self.geometry.index(self.start)] & UNSURE > 0;
+        settled == promised && !unsure && floor - graph.least(at, self.start) >= f64::from_bits(settled)
     }
 
     /// Puts every open cell into the queue by its key of now.
@@ -307,7 +313,8 @@ impl Repair {
         open.retain(|&index| {
             let index = index as usize;
             let [settled, promised] = self.values(index);
-            let keep = settled != promised && self.marks[index] & LISTED == 0;
+            let open = settled != promised || self.marks[index] & UNSURE > 0;
+            let keep = open && self.marks[index] & LISTED == 0;
             if keep {
                 self.marks[index] |= LISTED;
             }
@@ -385,14 +392,22 @@ impl Repair {
 
     /// Settles or unsettles an open cell; returns the cells looked at.
     fn expand(&mut self, graph: &impl ChangingGraph, key: u64, index: usize) -> u64 {
+        let unsure = self.marks[index] & UNSURE > 0;
+        if unsure {
+            self.look_again(graph, index);
+        }
         let [settled, promised] = self.values(index);
         if settled == promised {
-            return 0;
+            return u64::from(unsure);
         }
         let here = self.geometry.cell(index);
-        if self.key(graph, here, settled.min(promised)) > key {
-            // An entry that was overtaken; the cell has another one.
-            return 0;
+        let key_now = self.key(graph, here, settled.min(promised));
+        if key_now > key {
+            // An entry that was overtaken; a cell that was looked at only now has no other yet.
+            if unsure {
+                self.queue.push(key_now, index as u32);
+            }
+            return u64::from(unsure);
         }
         self.tally.expanded += 1;
         if let Some(trace) = &mut self.trace {
@@ -401,13 +416,14 @@ impl Repair {
         if settled > promised {
             self.set_settled(index, promised);
             self.offer(graph, here, promised);
-            return 1;
+        } else {
+            self.set_settled(index, INFINITE);
+            if promised < INFINITE {
+                self.queue.push(self.key(graph, here, promised), index as u32);
+            }
+            self.withdraw(graph, here);
         }
-        self.set_settled(index, INFINITE);
-        if promised < INFINITE {
-            self.queue.push(self.key(graph, here, promised), index as u32);
-        }
-        1 + self.withdraw(graph, here)
+        1 + u64::from(unsure)
     }
 
     /// Lets the cells before a settled one go by way of it.
@@ -432,24 +448,22 @@ impl Repair {
         }
     }
 
-    /// Makes the cells that went by way of an unsettled one look again; returns how many.
-    fn withdraw(&mut self, graph: &impl ChangingGraph, here: Cell) -> u64 {
-        let mut looked = 0;
+    /// Marks the cells that went by way of an unsettled one. They are looked at again when it is their turn: by then all
+    /// that was nearer to the goal is known, and many need it once instead of several times.
+    fn withdraw(&mut self, graph: &impl ChangingGraph, here: Cell) {
         for (k, step) in graph.steps().iter().enumerate() {
             let Some(before) = self.geometry.offset(here, -step.rows, -step.columns) else {
                 continue;
             };
             let index = self.geometry.index(before);
             if self.marks[index] == k as u8 + 1 {
-                looked += 1;
-                if self.look_again(graph, index) {
-                    let [settled, promised] = self.values(index);
-                    self.queue
-                        .push(self.key(graph, before, settled.min(promised)), index as u32);
+                self.marks[index] |= UNSURE;
+                let [settled, promised] = self.values(index);
+                if settled == promised {
+                    self.queue.push(self.key(graph, before, settled), index as u32);
                 }
             }
         }
-        looked
     }
 
     /// Works out anew what a cell's successors promise; returns whether it is open.
