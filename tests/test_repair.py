@@ -11,6 +11,7 @@ import pytest
 import scipy.sparse
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 import swathe.planner
 from swathe.errors import (
@@ -20,9 +21,12 @@ from swathe.errors import (
     ShapeMismatchError,
 )
 from swathe.planner import NoRoute, Path, Replanner, shortest_path
+from swathe.report.repair_film import Patch, write_repair_gif
 from worlds import drawn, graph_of, random_world, smooth_hills
 
 if TYPE_CHECKING:
+    from pathlib import Path as Path_
+
     from numpy.typing import NDArray
 
     from worlds import World
@@ -222,3 +226,37 @@ def test_the_example_of_the_documentation_holds() -> None:
     finder = doctest.DocTestFinder(recurse=False)
     (example,) = finder.find(Replanner, "Replanner", globs=vars(swathe.planner))
     assert doctest.DocTestRunner().run(example).failed == 0
+
+
+def test_the_film_shows_both_searches_and_is_the_same_every_time(tmp_path: Path_) -> None:
+    costs = 1 + np.abs(smooth_hills(5, 60, 70, height_m=4.0, cell_size_m=1.0, wave_m=25.0) - 500).astype(np.float64)
+    patches = [
+        Patch(12, 9, 7, "dearer"),
+        Patch(10, 8, 6, "closed"),
+        Patch(9, 8, 6, "cheaper"),
+        Patch(500, 1, 3, "closed"),
+    ]
+    for name in ("a", "b"):
+        write_repair_gif(tmp_path / f"{name}.gif", costs, (4, 5), (52, 60), patches)
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+    with Image.open(tmp_path / "a.gif") as gif:
+        frames = []
+        for number in range(gif.n_frames):  # type: ignore[attr-defined]
+            gif.seek(number)
+            frames.append(np.asarray(gif.convert("RGB"), dtype=np.int16))
+    teal = [(np.abs(frame[80:-80] - (16, 150, 140)).sum(axis=2) < 150) for frame in frames]
+    # The fresh plan looks at much that the repair leaves alone.
+    assert max(np.count_nonzero(seen[:, 450:890]) - np.count_nonzero(seen[:, :430]) for seen in teal) > 10_000
+    closed = [np.count_nonzero(np.abs(frame[80:-80] - (92, 34, 50)).sum(axis=2) < 40) for frame in frames]
+    assert closed[-1] > closed[0] + 100
+
+
+def test_a_film_without_a_way_is_refused_and_one_that_loses_it_ends(tmp_path: Path_) -> None:
+    costs, start, goal = drawn(["s.#..", "..#..", "..#.g"])
+    with pytest.raises(InvalidParameterError, match="separate"):
+        write_repair_gif(tmp_path / "a.gif", costs, start, goal, [])
+    costs[1, 2] = 1
+    write_repair_gif(tmp_path / "a.gif", costs, start, goal, [Patch(1, 1, 1, "closed")])
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.n_frames == 3  # type: ignore[attr-defined]
+    assert costs[1, 2] == 1

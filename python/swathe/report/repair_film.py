@@ -34,7 +34,8 @@ _WAY, _DRIVEN, _OLD = (36, 56, 194), (35, 38, 43), (150, 152, 160)
 _LOOKED_AT = (16, 150, 140)
 _CLOSED = (92, 34, 50)
 _EDGES = {"dearer": (214, 110, 20), "cheaper": (60, 130, 40), "closed": _CLOSED}
-_STEP_MS, _CHANGE_MS, _ANSWER_MS, _LAST_MS = 90, 700, 1500, 2600
+_STEP_MS, _CHANGE_MS, _ANSWER_MS, _LAST_MS = 120, 700, 1600, 2600
+_CELLS_PER_FRAME = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,8 @@ class Patch:
         after_cells: how many cells of its way the robot drives before.
         ahead_cells: how far ahead on the way the middle of the square lies.
         side_cells: side of the square.
-        kind: ``dearer`` (four times the cost), ``cheaper`` (a third) or ``closed``.
+        kind: ``dearer`` (four times the cost), ``cheaper`` (a third, but no cheaper than the cheapest
+            cell there is) or ``closed``.
     """
 
     after_cells: int
@@ -95,7 +97,9 @@ def write_repair_gif(
     for place, picture in enumerate((pictures[0], pictures[len(pictures) // 2], pictures[-1])):
         sample.paste(picture, (0, place * picture.height))
     mixed = sample.quantize(150, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).getpalette() or []
-    kept = [_PAPER, _FAINT, _WAY, _DRIVEN, _LOOKED_AT, *_EDGES.values()]
+    # What few pixels of these three show is kept as it is: the key, and ground that has become dearer.
+    greys = [(grey, grey, grey) for grey in range(120, 244, 6)]
+    kept = [_PAPER, _FAINT, _WAY, _DRIVEN, _LOOKED_AT, *_EDGES.values(), *greys]
     palette = Image.new("P", (1, 1))
     palette.putpalette([*itertools.chain.from_iterable(kept), *mixed[: 3 * 150]])
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
@@ -106,66 +110,95 @@ def write_repair_gif(
         )
 
 
+class _Drive:
+    """A drive over changing cells, and the frames that show it."""
+
+    def __init__(
+        self, costs: NDArray[np.float64], start: tuple[int, int], goal: tuple[int, int], neighbours: int
+    ) -> None:
+        self.costs, self.goal, self.neighbours = costs, goal, neighbours
+        self.replanner = Replanner(costs, start, goal, neighbours=neighbours, keep_expanded=True)
+        way = self.replanner.path()
+        if not isinstance(way, Way):
+            raise InvalidParameterError(way.reason, "Choose a start and a goal that are connected.")
+        self.ahead = way.cells
+        self.driven = [way.cells[0]]
+        self.squares: list[tuple[slice, slice, str]] = []
+        self.looked_at = (_mask(costs.shape, self.replanner.expanded),) * 2
+        self.sums = np.full(2, len(self.replanner.expanded))
+        self.counts = (f"{self.sums[0]:,} cells",) * 2
+        self.words = "The first plan is the same for both."
+        self.scenes: list[_Scene] = []
+        self.show(_ANSWER_MS, fade=1.0)
+
+    def show(self, time_ms: int, *, fade: float) -> None:
+        """Add a frame; ``fade`` is how strongly the cells that the searches expanded are shown, 0 to 1."""
+        self.scenes.append(
+            _Scene(
+                self.costs.copy(), self.ahead, self.driven[:], self.squares[:], self.looked_at, fade, self.counts,
+                self.words, time_ms,
+            )
+        )  # fmt: skip
+
+    def go_on(self, cells: int) -> None:
+        """Drive a number of cells, or to the goal."""
+        for place in range(1, min(cells, len(self.ahead) - 1) + 1):
+            self.driven.append(self.ahead[1])
+            self.ahead = self.ahead[1:]
+            if place % _CELLS_PER_FRAME == 0:
+                self.show(_STEP_MS, fade=max(0.0, 1 - place / 15))
+
+    def change(self, patch: Patch) -> bool:
+        """Let a patch appear and plan on both sides; returns whether a way is left."""
+        self.replanner.move_to(self.ahead[0])
+        middle = self.ahead[min(patch.ahead_cells, len(self.ahead) - 1)]
+        rows, columns = _square(middle, patch.side_cells, self.costs.shape)
+        values = _changed(self.costs[rows, columns], patch.kind, float(np.nanmin(self.costs)))
+        _keep_open(values, rows, columns, (self.ahead[0], self.goal), self.costs)
+        self.costs[rows, columns] = values
+        self.squares.append((rows, columns, patch.kind))
+        self.words = f"Cells become {patch.kind}."
+        self.show(_CHANGE_MS, fade=0.0)
+        self.replanner.update(rows, columns, values)
+        found = self.replanner.path()
+        fresh = Replanner(self.costs, self.ahead[0], self.goal, neighbours=self.neighbours, keep_expanded=True)
+        again = fresh.path()
+        both = [self.replanner.expanded, fresh.expanded]
+        self.looked_at = (_mask(self.costs.shape, both[0]), _mask(self.costs.shape, both[1]))
+        latest = np.array([len(cells) for cells in both])
+        self.sums = self.sums + latest
+        self.counts = (
+            f"{latest[0]:,} cells, {self.sums[0]:,} in all",
+            f"{latest[1]:,} cells, {self.sums[1]:,} in all",
+        )
+        if not isinstance(found, Way) or not isinstance(again, Way):
+            self.words, self.ahead = "No way is left.", self.ahead[:1]
+            self.show(_LAST_MS, fade=1.0)
+            return False
+        self.ahead = found.cells
+        same = "equal cost" if found.cost == again.cost else f"costs {found.cost!r} and {again.cost!r}"
+        fewer = f"{latest[1] / max(1, latest[0]):,.0f} times fewer cells expanded"
+        how = "given up for a fresh plan" if self.replanner.tally.afresh else fewer
+        self.words = f"Cells became {patch.kind}: {same}, {how}."
+        self.show(_ANSWER_MS, fade=1.0)
+        return True
+
+
 def _drive(
     costs: NDArray[np.float64], start: tuple[int, int], goal: tuple[int, int], patches: Sequence[Patch], neighbours: int
 ) -> list[_Scene]:
     """Return the frames of a drive."""
-    replanner = Replanner(costs, start, goal, neighbours=neighbours, keep_expanded=True)
-    way = replanner.path()
-    if not isinstance(way, Way):
-        raise InvalidParameterError(way.reason, "Choose a start and a goal that are connected.")
-    shape = costs.shape
-    first = _mask(shape, replanner.expanded)
-    sums = np.full(2, len(replanner.expanded))
-    counts = (f"{sums[0]:,} cells", f"{sums[1]:,} cells")
-    driven: list[Cell] = [way.cells[0]]
-    squares: list[tuple[slice, slice, str]] = []
-    looked_at = (first, first)
-    words = "The first plan is the same for both."
-    scenes = [_Scene(costs.copy(), way.cells, driven[:], (), looked_at, 1.0, counts, words, _ANSWER_MS)]
-    for patch in [*patches, None]:
-        ahead = way.cells
-        last = len(ahead) - 1 if patch is None else min(patch.after_cells, len(ahead) - 1)
-        for place in range(1, last + 1):
-            driven.append(ahead[place])
-            if place % 3 == 0 or place == last:
-                fade = max(0.0, 1 - place / 12)
-                scenes.append(
-                    _Scene(costs.copy(), ahead[place:], driven[:], squares[:], looked_at, fade, counts, words, _STEP_MS)
-                )
-        if patch is None or last == len(ahead) - 1:
+    drive = _Drive(costs, start, goal, neighbours)
+    for patch in patches:
+        drive.go_on(patch.after_cells)
+        if len(drive.ahead) == 1:
             break
-        replanner.move_to(ahead[last])
-        rows, columns = _square(ahead[min(last + patch.ahead_cells, len(ahead) - 1)], patch.side_cells, shape)
-        values = _changed(costs[rows, columns], patch.kind)
-        _keep_open(values, rows, columns, (replanner.start, replanner.goal), costs)
-        costs[rows, columns] = values
-        squares.append((rows, columns, patch.kind))
-        none = np.zeros(shape, dtype=np.bool_)
-        words = f"Cells become {patch.kind}."
-        scenes.append(
-            _Scene(costs.copy(), ahead[last:], driven[:], squares[:], (none, none), 0.0, ("", ""), words, _CHANGE_MS)
-        )
-        replanner.update(rows, columns, values)
-        found = replanner.path()
-        fresh = Replanner(costs, replanner.start, goal, neighbours=neighbours, keep_expanded=True)
-        again = fresh.path()
-        if not isinstance(found, Way) or not isinstance(again, Way):
-            words = "No way is left."
-            scenes.append(_Scene(costs.copy(), (), driven[:], squares[:], (none, none), 0.0, ("", ""), words, _LAST_MS))
-            return scenes
-        way = found
-        looked_at = (_mask(shape, replanner.expanded), _mask(shape, fresh.expanded))
-        latest = np.array([len(replanner.expanded), len(fresh.expanded)])
-        sums = sums + latest
-        counts = (f"{latest[0]:,} cells, {sums[0]:,} in all", f"{latest[1]:,} cells, {sums[1]:,} in all")
-        same = "equal cost" if found.cost == again.cost else f"costs {found.cost!r} and {again.cost!r}"
-        words = f"Cells became {patch.kind}: {same}, {latest[1] / max(1, latest[0]):,.0f} times fewer cells expanded."
-        scenes.append(_Scene(costs.copy(), way.cells, driven[:], squares[:], looked_at, 1.0, counts, words, _ANSWER_MS))
-    end = scenes[-1]
-    words = f"At the goal. Cells expanded in all: {sums[0]:,} repaired, {sums[1]:,} planned afresh."
-    scenes.append(_Scene(end.costs, (), driven[:], squares[:], (~first & first,) * 2, 0.0, end.counts, words, _LAST_MS))
-    return scenes
+        if not drive.change(patch):
+            return drive.scenes
+    drive.go_on(len(drive.ahead))
+    drive.words = f"At the goal. Cells expanded in all: {drive.sums[0]:,} repaired, {drive.sums[1]:,} planned afresh."
+    drive.show(_LAST_MS, fade=0.0)
+    return drive.scenes
 
 
 def _mask(shape: tuple[int, ...], cells: NDArray[np.uint32]) -> NDArray[np.bool_]:
@@ -183,14 +216,18 @@ def _square(middle: Cell, side: int, shape: tuple[int, ...]) -> tuple[slice, sli
     return spans[0], spans[1]
 
 
-def _changed(values: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+def _changed(values: NDArray[np.float64], kind: str, cheapest: float) -> NDArray[np.float64]:
     if kind == "closed":
         return np.full_like(values, np.inf)
-    return values * 4 if kind == "dearer" else values / 3
+    return values * 4 if kind == "dearer" else np.maximum(values / 3, cheapest)
 
 
 def _keep_open(
-    values: NDArray[np.float64], rows: slice, columns: slice, cells: Sequence[Cell], costs: NDArray[np.float64]
+    values: NDArray[np.float64],
+    rows: slice,
+    columns: slice,
+    cells: Sequence[tuple[int, int]],
+    costs: NDArray[np.float64],
 ) -> None:
     """Leave the robot and the goal the cells that they stand on."""
     for row, column in cells:
@@ -217,16 +254,16 @@ def _sheet(scene: _Scene, goal: tuple[int, int]) -> Image.Image:
         pen.text((x + width - _font(13).getlength(count), 64), count, INK_COLOUR, _font(13))
         sheet.paste(panel, (x, _HEAD_PX))
     below = _HEAD_PX + height + 12
-    x = float(_EDGE_PX)
+    left = float(_EDGE_PX)
     for colour, name in (
         (_LOOKED_AT, "expanded by the search"),
         (_WAY, "way ahead"),
         (_DRIVEN, "driven"),
         *((colour, f"became {kind}") for kind, colour in _EDGES.items()),
     ):
-        pen.rectangle((x, below + 3, x + 14, below + 14), fill=colour)
-        pen.text((x + 20, below), name, _FAINT, _font(12))
-        x += 40 + _font(12).getlength(name)
+        pen.rectangle((left, below + 3, left + 14, below + 14), fill=colour)
+        pen.text((left + 20, below), name, _FAINT, _font(12))
+        left += 40 + _font(12).getlength(name)
     note = "Pale ground is cheap, dark ground is dear. Both searches are D* Lite from the goal towards the robot."
     pen.text((_EDGE_PX, below + 26), _fitted(note, _font(12), room), _FAINT, _font(12))
     return sheet
@@ -254,9 +291,9 @@ def _panel(scene: _Scene, looked_at: NDArray[np.bool_], goal: tuple[int, int]) -
     def at(cell: tuple[int, int]) -> tuple[float, float]:
         return (cell[1] + 0.5) * 2 * zoom, (cell[0] + 0.5) * 2 * zoom
 
-    for row, column, kind in scene.squares:
-        corners = [2 * zoom * edge for edge in (column.start, row.start, column.stop, row.stop)]
-        pen.rectangle((corners[0], corners[1], corners[2] - 1, corners[3] - 1), outline=_EDGES[kind], width=4)
+    for across, along, kind in scene.squares:
+        west, north, east, south = (2 * zoom * edge for edge in (along.start, across.start, along.stop, across.stop))
+        pen.rectangle((west, north, east - 1, south - 1), outline=_EDGES[kind], width=4)
     for cells, colour in ((scene.driven, _DRIVEN), (scene.ahead, _WAY)):
         if len(cells) > 1:
             pen.line([at(cell) for cell in cells], fill=colour, width=6, joint="curve")

@@ -17,10 +17,9 @@
 mod cells;
 mod ground;
 mod queue;
+mod settle;
 #[cfg(test)]
 mod tests;
-
-use std::collections::HashSet;
 
 use crate::grid::{Cell, GridGeometry, Step};
 use crate::progress::Report;
@@ -28,6 +27,7 @@ use crate::progress::Report;
 use super::PlannerError;
 use super::search::{Search, StepGraph};
 use queue::Queue;
+use settle::Ended;
 
 pub use cells::ChangingCells;
 
@@ -43,18 +43,6 @@ pub trait ChangingGraph: StepGraph {
 
 /// Share of a fresh plan's work after which a repair is given up for one, when nothing else is asked.
 pub const REPAIR_SHARE: f64 = 0.2;
-
-/// What a repair may always do, in cells: on maps this small it does not matter.
-const FREE_WORK: u64 = 64;
-
-/// Cells looked at between two reports.
-const WORK_PER_REPORT: u64 = 1 << 16;
-
-/// Relative slack of the end of a search, far above what rounding does to a key and far below what matters.
-const SLACK: f64 = 1e-10;
-
-/// A robot that is walled in with this many cells or fewer is noticed before the whole map is searched.
-const POCKET_CELLS: usize = 1024;
 
 /// Bits of the infinite cost. State is stored xored with it, so that memory that was never touched means infinite.
 const INFINITE: u64 = f64::INFINITY.to_bits();
@@ -73,7 +61,7 @@ const UNSURE: u8 = 0x40;
 pub struct RepairTally {
     /// Cells that the last search settled or unsettled.
     pub expanded: u64,
-    /// Cells looked at since the search before the last: expanded, or their successors compared.
+    /// Cells that it looked at, those around changed cells included: expanded, or their successors compared.
     pub work: u64,
     /// Whether the last search began from nothing.
     pub afresh: bool,
@@ -100,23 +88,18 @@ pub struct Repair {
     touched: Vec<u32>,
     /// Nothing open costs less than this by way of the cell, where the robot was at the last search.
     floor: Option<(f64, Cell)>,
-    /// Work and cost of the last search from nothing.
-    fresh: Option<(u64, f64)>,
+    /// Effort after which the repair that is due is given up, once it was worked out.
+    allowed: Option<u64>,
+    /// Effort taken for the repair that is due, or going on.
+    effort: u64,
+    /// Cells looked at since the last search.
+    looked: u64,
     /// Whether anything was searched.
     begun: bool,
     /// Whether the search that is going on began from nothing.
     afresh: bool,
     tally: RepairTally,
-    work_before: u64,
     trace: Option<Vec<Cell>>,
-}
-
-/// How a search for the robot's cost ended.
-enum Ended {
-    Settled,
-    Enclosed,
-    Beyond,
-    Stopped,
 }
 
 impl Repair {
@@ -138,11 +121,12 @@ impl Repair {
             queue: Queue::new(),
             touched: Vec::new(),
             floor: None,
-            fresh: None,
+            allowed: None,
+            effort: 0,
+            looked: 0,
             begun: false,
             afresh: true,
             tally: RepairTally::default(),
-            work_before: 0,
             trace: None,
         };
         repair.forget();
@@ -209,11 +193,12 @@ impl Repair {
             self.marks[index as usize] &= !LISTED;
         }
         self.floor = None;
-        self.work_before += listed.len() as u64;
-        if self.work_before > self.allowance() {
+        if self.effort + listed.len() as u64 > self.allowance(graph) {
             self.forget();
             return;
         }
+        self.effort += listed.len() as u64;
+        self.looked += listed.len() as u64;
         for index in listed {
             if self.look_again(graph, index as usize) {
                 self.touched.push(index);
@@ -238,13 +223,11 @@ impl Repair {
             };
         }
         if !self.is_current(graph) {
-            let ended = match self.settle(graph, self.allowance(), report) {
-                Ended::Beyond => {
-                    self.forget();
-                    self.settle(graph, u64::MAX, report)
-                }
-                ended => ended,
-            };
+            let mut ended = self.settle(graph, report);
+            if matches!(ended, Ended::Beyond) {
+                self.forget();
+                ended = self.settle(graph, report);
+            }
             match ended {
                 Ended::Stopped => return Search::Stopped,
                 Ended::Enclosed => return Search::Unreachable,
@@ -280,22 +263,8 @@ impl Repair {
         self.floor = None;
         self.begun = false;
         self.afresh = true;
-        self.work_before = 0;
-    }
-
-    /// Work after which a repair is no longer worth it.
-    fn allowance(&self) -> u64 {
-        let Some((work, cost)) = self.fresh.filter(|_| !self.afresh) else {
-            return u64::MAX;
-        };
-        if self.share <= 0.0 {
-            return 0;
-        }
-        // The region that a search looks at grows with the square of the distance.
-        let [settled, promised] = self.values(self.geometry.index(self.start));
-        let nearer = (f64::from_bits(settled.min(promised)) / cost).powi(2);
-        let nearer = if nearer < 1.0 { nearer.max(1e-9) } else { 1.0 };
-        ((self.share * nearer * work as f64) as u64).saturating_add(FREE_WORK)
+        self.allowed = None;
+        self.effort = 0;
     }
 
     /// Whether the robot's cost is known to be right without a search.
@@ -304,166 +273,6 @@ impl Repair {
         let Some((floor, at)) = self.floor else { return false };
         let unsure = self.marks[self.geometry.index(self.start)] & UNSURE > 0;
         settled == promised && !unsure && floor - graph.least(at, self.start) >= f64::from_bits(settled)
-    }
-
-    /// Puts every open cell into the queue by its key of now.
-    fn key_anew(&mut self, graph: &impl ChangingGraph) {
-        let mut open = std::mem::take(&mut self.touched);
-        self.queue.empty_into(&mut open);
-        open.retain(|&index| {
-            let index = index as usize;
-            let [settled, promised] = self.values(index);
-            let open = settled != promised || self.marks[index] & UNSURE > 0;
-            let keep = open && self.marks[index] & LISTED == 0;
-            if keep {
-                self.marks[index] |= LISTED;
-            }
-            keep
-        });
-        for &index in &open {
-            let at = index as usize;
-            self.marks[at] &= !LISTED;
-            let [settled, promised] = self.values(at);
-            let key = self.key(graph, self.geometry.cell(at), settled.min(promised));
-            self.queue.push(key, index);
-        }
-    }
-
-    /// Lower bound on the cost of a way from the robot through a cell.
-    fn key(&self, graph: &impl ChangingGraph, cell: Cell, cost: u64) -> u64 {
-        (f64::from_bits(cost) + graph.least(self.start, cell)).to_bits()
-    }
-
-    /// Searches until the robot's cost is right, or for a while.
-    fn settle(&mut self, graph: &impl ChangingGraph, most_work: u64, report: &mut Report) -> Ended {
-        self.begun = true;
-        self.key_anew(graph);
-        let start = self.geometry.index(self.start);
-        let (mut work, mut looked_around) = (self.work_before, false);
-        let mut next_report = work;
-        let ended = loop {
-            let Some((key, index)) = self.queue.pop() else {
-                self.floor = Some((f64::INFINITY, self.start));
-                break Ended::Settled;
-            };
-            let [settled, promised] = self.values(start);
-            let best = f64::from_bits(settled.min(promised));
-            if f64::from_bits(key) > best * (1.0 + SLACK) {
-                self.queue.push(key, index);
-                self.floor = Some((f64::from_bits(key), self.start));
-                break Ended::Settled;
-            }
-            if best.is_infinite() && !looked_around {
-                looked_around = true;
-                if self.is_enclosed(graph) {
-                    self.queue.push(key, index);
-                    break Ended::Enclosed;
-                }
-            }
-            if work >= next_report {
-                next_report = work + WORK_PER_REPORT;
-                if !report(work, 0) {
-                    self.queue.push(key, index);
-                    break Ended::Stopped;
-                }
-            }
-            if work > most_work {
-                break Ended::Beyond;
-            }
-            work += self.expand(graph, key, index as usize);
-        };
-        self.tally.work = work;
-        match ended {
-            Ended::Settled => {
-                self.work_before = 0;
-                self.tally.afresh = self.afresh;
-                if std::mem::take(&mut self.afresh) {
-                    self.tally.fresh_plans += 1;
-                    self.fresh = Some((work, f64::from_bits(self.values(start)[0])));
-                } else {
-                    self.tally.repairs += 1;
-                }
-            }
-            Ended::Beyond => {}
-            Ended::Enclosed | Ended::Stopped => self.work_before = work,
-        }
-        ended
-    }
-
-    /// Settles or unsettles an open cell; returns the cells looked at.
-    fn expand(&mut self, graph: &impl ChangingGraph, key: u64, index: usize) -> u64 {
-        let unsure = self.marks[index] & UNSURE > 0;
-        if unsure {
-            self.look_again(graph, index);
-        }
-        let [settled, promised] = self.values(index);
-        if settled == promised {
-            return u64::from(unsure);
-        }
-        let here = self.geometry.cell(index);
-        let key_now = self.key(graph, here, settled.min(promised));
-        if key_now > key {
-            // An entry that was overtaken; a cell that was looked at only now has no other yet.
-            if unsure {
-                self.queue.push(key_now, index as u32);
-            }
-            return u64::from(unsure);
-        }
-        self.tally.expanded += 1;
-        if let Some(trace) = &mut self.trace {
-            trace.push(here);
-        }
-        if settled > promised {
-            self.set_settled(index, promised);
-            self.offer(graph, here, promised);
-        } else {
-            self.set_settled(index, INFINITE);
-            if promised < INFINITE {
-                self.queue.push(self.key(graph, here, promised), index as u32);
-            }
-            self.withdraw(graph, here);
-        }
-        1 + u64::from(unsure)
-    }
-
-    /// Lets the cells before a settled one go by way of it.
-    fn offer(&mut self, graph: &impl ChangingGraph, here: Cell, cost: u64) {
-        for (k, step) in graph.steps().iter().enumerate() {
-            let Some(before) = self.geometry.offset(here, -step.rows, -step.columns) else {
-                continue;
-            };
-            let index = self.geometry.index(before);
-            let [settled, promised] = self.values(index);
-            if promised <= cost {
-                continue;
-            }
-            let offered = joined(graph.edge_cost(before, k), cost);
-            if offered < promised {
-                self.set_promised(index, offered);
-                self.marks[index] = k as u8 + 1;
-                if offered < settled {
-                    self.queue.push(self.key(graph, before, offered), index as u32);
-                }
-            }
-        }
-    }
-
-    /// Marks the cells that went by way of an unsettled one. They are looked at again when it is their turn: by then all
-    /// that was nearer to the goal is known, and many need it once instead of several times.
-    fn withdraw(&mut self, graph: &impl ChangingGraph, here: Cell) {
-        for (k, step) in graph.steps().iter().enumerate() {
-            let Some(before) = self.geometry.offset(here, -step.rows, -step.columns) else {
-                continue;
-            };
-            let index = self.geometry.index(before);
-            if self.marks[index] == k as u8 + 1 {
-                self.marks[index] |= UNSURE;
-                let [settled, promised] = self.values(index);
-                if settled == promised {
-                    self.queue.push(self.key(graph, before, settled), index as u32);
-                }
-            }
-        }
     }
 
     /// Works out anew what a cell's successors promise; returns whether it is open.
@@ -513,27 +322,6 @@ impl Repair {
                 }
             }
         }
-    }
-
-    /// Whether no way leads out of a few cells around the robot, and the goal is not among them.
-    fn is_enclosed(&self, graph: &impl ChangingGraph) -> bool {
-        let mut reached = HashSet::from([self.start]);
-        let mut open = vec![self.start];
-        while let Some(here) = open.pop() {
-            for (k, step) in graph.steps().iter().enumerate() {
-                let Some(next) = step.from(&self.geometry, here) else {
-                    continue;
-                };
-                if !reached.contains(&next) && graph.edge_cost(here, k).is_finite() {
-                    if next == self.goal || reached.len() == POCKET_CELLS {
-                        return false;
-                    }
-                    reached.insert(next);
-                    open.push(next);
-                }
-            }
-        }
-        true
     }
 
     /// The way from the robot to the goal along the steps that the search left.
