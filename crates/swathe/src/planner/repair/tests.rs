@@ -261,6 +261,33 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn no_step_reads_a_cell_beyond_its_reach(
+        seed: u64, height in 1.0f64..14.0, large: bool, at in 0usize..224, rise_m in -6.0f32..6.0, code in 0u8..6,
+    ) {
+        let (mut elevation, mut soil) = waves(seed, height);
+        let vehicle = if large { tractor() } else { pioneer() };
+        let geometry = elevation.geometry();
+        let (changed, goal) = (geometry.cell(at), Cell::new(0, 0));
+        let edges = |ground: &Ground| -> Vec<u64> {
+            let costs = geometry.cells().flat_map(|cell| (0..16).map(move |k| (cell, k)));
+            costs.map(|(cell, k)| ground.edge_cost(cell, k).to_bits()).collect()
+        };
+        let before = edges(&ground(&elevation, &soil, &vehicle, goal));
+        elevation[changed] += rise_m;
+        soil[changed] = code;
+        let after = ground(&elevation, &soil, &vehicle, goal);
+        for (place, (before, after_)) in before.iter().zip(edges(&after)).enumerate() {
+            let cell = geometry.cell(place / 16);
+            let away = cell.row.abs_diff(changed.row).max(cell.column.abs_diff(changed.column));
+            prop_assert!(*before == after_ || away <= after.reach(), "{:?} {:?}", cell, changed);
+        }
+    }
+}
+
 /// A world as text: '#' closed, a digit its cost per metre, 's' and 'g' cost 1.
 fn world(rows: &[&str]) -> (ChangingCells, Cell, Cell) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 1.0, 0.0, 0.0).unwrap();
