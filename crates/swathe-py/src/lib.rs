@@ -15,6 +15,7 @@ mod rank;
 mod region;
 mod repair;
 mod soil;
+mod stop;
 mod swarm;
 mod terrain;
 mod vehicle;
@@ -28,7 +29,7 @@ mod _core {
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
-    use crate::planner::{lazy_astar, plan, shortest_path};
+    use crate::planner::{any_angle_path, eikonal_field, lazy_astar, plan, shortest_path};
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
@@ -40,7 +41,9 @@ mod _core {
     #[pymodule_export]
     use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs, transitions};
     #[pymodule_export]
-    use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
+    use crate::terrain::{
+        aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope, squared_distances,
+    };
     #[pymodule_export]
     use crate::vehicle::Vehicle;
 
