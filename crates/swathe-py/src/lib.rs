@@ -14,6 +14,7 @@ mod planner;
 mod progress;
 mod rank;
 mod region;
+mod repair;
 mod soil;
 mod stop;
 mod swarm;
@@ -36,6 +37,8 @@ mod _core {
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
     use crate::region::{Region, defaults};
+    #[pymodule_export]
+    use crate::repair::Replanner;
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]

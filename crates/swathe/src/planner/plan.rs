@@ -330,7 +330,7 @@ impl Planner<'_> {
                             _ => 0.0,
                         };
                         answer.cost_lower_bound = Some(least);
-                        answer = self.driven(&ground, route, answer, report)?;
+                        answer = self.driven(&ground, route, answer, watch)?;
                     }
                     Err(_) => unreachable_segment(&mut answer),
                 }

@@ -22,12 +22,13 @@ use crate::rank::Ranker;
 use crate::vehicle::Vehicle;
 
 use super::PlannerError;
-use super::answer::{Plan, Stage, StageReport, Terrain};
+use super::answer::{Plan, Stage, Terrain};
 use super::ground::{Ground, SegmentFacts};
 use super::plan::Planner;
 use super::refusal::{Refusal, Status};
 use super::route::Route;
 use super::search::StepGraph;
+use super::watch::Watch;
 use drive::Drive;
 use field::Field;
 use search::{Ended, Hybrid};
@@ -335,14 +336,14 @@ impl Planner<'_> {
         ground: &Ground,
         route: Route,
         mut answer: Plan,
-        report: &mut StageReport,
+        watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
         if !self.request.path.is_driven(self.vehicle, self.geometry().cell_size_m()) {
             answer.answer = Ok(route);
             return Ok(answer);
         }
         let [start_heading, goal_heading] = self.request.headings_rad;
-        let mut tell = |done, total| report(Stage::Route, done, total);
+        let mut tell = |done, total| watch.ask(Stage::Route, done, total);
         let params = DrivableParams::default();
         let (points, vehicle) = (route.points(), self.vehicle);
         match drivable_path(
