@@ -23,10 +23,11 @@ from swathe.errors import (
     InvalidParameterError,
     OutsideGridError,
     ShapeMismatchError,
+    TooLargeError,
 )
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, outlines
-from swathe.planner import NoRoute, Path, Plan, Route, plan, shortest_path
+from swathe.planner import NoRoute, Path, Plan, Route, cost_field, plan, shortest_path
 from swathe.rank import RankParams, rank_cell
 from swathe.swarm import SwarmParams
 from swathe.vehicle import load_vehicle
@@ -169,13 +170,71 @@ def test_booleans_are_passable_at_cost_1() -> None:
     assert (found.cost, found.length_m) == (8.0, 8.0)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.int64, np.uint8, np.float16, np.dtype(">f8")])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64, np.uint8, np.uint16, np.float16, np.dtype(">f8")])
 def test_numbers_of_any_kind_and_any_layout_are_costs(dtype: Any) -> None:
     costs = np.asarray([[1, 9, 1], [1, 9, 1], [1, 1, 1]], dtype=dtype)
     for layout in (costs, np.asfortranarray(costs), costs[:, ::-1]):
         found = shortest_path(layout, (0, 0), (0, 2))
         assert isinstance(found, Path)
         assert found.cost == pytest.approx(2 + 2 * ROOT_2)
+
+
+@pytest.mark.parametrize("corners", ["keep", "cut"])
+@pytest.mark.parametrize("neighbours", [8, 16])
+@given(world=worlds)
+def test_a_cost_field_is_scipys(neighbours: int, corners: Any, world: World) -> None:
+    costs, start, _ = world
+    graph = graph_of(costs, 2.0, neighbours, corners)
+    source = start.row * costs.shape[1] + start.column
+    expected = scipy.sparse.csgraph.dijkstra(graph, indices=source).reshape(costs.shape)
+    found = cost_field(costs, start, cell_size_m=2.0, neighbours=neighbours, corners=corners)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), decades=st.sampled_from([0.5, 1, 3, 6]), closed=st.sampled_from([0.0, 0.2]))
+def test_large_maps_keep_scikit_images_cost(seed: int, decades: float, closed: float) -> None:
+    draw = np.random.default_rng(seed)
+    costs = 10 ** (decades * scipy.ndimage.zoom(draw.random((20, 20)), 6, order=1))
+    costs[draw.random(costs.shape) < closed] = np.inf
+    ends = [Cell(3, 2), Cell(int(draw.integers(120)), 117)]
+    for end in ends:
+        costs[end] = 1.0
+    search = skimage.graph.MCP_Geometric(np.where(np.isfinite(costs), costs, -1.0), fully_connected=True)
+    expected = float(search.find_costs([ends[0]])[0][ends[1]])
+    for method in METHODS:
+        found = shortest_path(costs, *ends, corners="cut", method=method)  # type: ignore[arg-type]
+        assert (found.cost if isinstance(found, Path) else math.inf) == pytest.approx(expected, rel=1e-9)
+
+
+def test_memory_beyond_the_limit_is_refused_before_it_is_taken() -> None:
+    cells = np.ones((2000, 2000), dtype=np.float32)
+    with pytest.raises(TooLargeError, match=r"more than the 1000000 allowed: about 2\d{5} cells would fit") as refusal:
+        shortest_path(cells, (0, 0), (1999, 1999), memory_limit_bytes=1_000_000)
+    assert "coarser" in str(refusal.value)
+    with pytest.raises(TooLargeError, match="copied first, which takes 32000000 bytes of the 30000000 allowed"):
+        shortest_path(cells.astype(np.int32), (0, 0), (1999, 1999), memory_limit_bytes=30_000_000)
+    with pytest.raises(TooLargeError, match="more than the 10000000 allowed"):
+        cost_field(cells, (0, 0), memory_limit_bytes=10_000_000)
+    assert shortest_path(cells, (0, 0), (1999, 1999), memory_limit_bytes=20_000_000)
+
+
+@pytest.mark.parametrize("search", [partial(shortest_path, goal=(699, 699)), cost_field])
+def test_a_search_tells_how_far_it_is_and_stops_when_asked(search: Any) -> None:
+    told: list[tuple[str, int, int]] = []
+    cells = np.ones((700, 700), dtype=np.bool_)
+
+    def tell(stage: str, done: int, total: int) -> bool:
+        told.append((stage, done, total))
+        return True
+
+    search(cells, start=(0, 0), on_progress=tell)
+    assert [seen[0] for seen in told] == ["route"] * len(told)
+    assert 0 < told[-1][1] <= 2 * cells.size
+    with pytest.raises(InterruptedBySignalError, match="stopped"):
+        search(cells, start=(0, 0), on_progress=lambda *_: False)
+    with pytest.raises(ZeroDivisionError):
+        search(cells, start=(0, 0), on_progress=lambda *_: 1 / 0)
 
 
 @pytest.mark.parametrize("closed", [math.nan, math.inf])
@@ -223,6 +282,8 @@ def test_ground_that_costs_nothing_is_crossed_without_a_circle(method: Any, neig
         ({"neighbours": 4}, InvalidParameterError, "4 neighbours"),
         ({"method": "greedy"}, InvalidParameterError, "greedy"),
         ({"corners": "round"}, InvalidParameterError, "round"),
+        ({"memory_limit_bytes": -1}, InvalidParameterError, "memory limit of -1"),
+        ({"memory_limit_bytes": 1.5}, InvalidParameterError, "memory limit of 1.5"),
         ({"cell_size_m": 0.0}, InvalidParameterError, "cell size"),
         ({"cell_size_m": math.nan}, InvalidParameterError, "cell size"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 
 from swathe import _core
 from swathe.corridor import Corridor, CorridorParams
-from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
+from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError, TooLargeError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
 from swathe.swarm import SwarmParams, Tally, tally
@@ -57,20 +57,28 @@ def shortest_path(
     neighbours: int = 8,
     method: Literal["auto", "astar", "dijkstra"] = "auto",
     corners: Literal["keep", "cut"] = "keep",
+    memory_limit_bytes: int | None = None,
+    on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> Path | NoRoute:
     """Return a cheapest way over cells from ``start`` to ``goal``, both (row, column).
 
     Args:
         cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+            Contiguous arrays of bool, uint8, uint16, float32 and float64 are read where they are; others are copied.
         start: row and column of the first cell.
         goal: row and column of the last cell.
         cell_size_m: side of a cell.
         neighbours: 8 or 16 directions.
-        method: ``auto``, ``astar`` or ``dijkstra``; the cost is the same.
+        method: ``auto`` leaves out ground from which, by a coarse grid's bound, the goal cannot be reached in time;
+            ``dijkstra`` searches in all directions until the goal is reached; ``astar`` is the textbook search with the
+            least cost times the straight distance, slower and kept for comparison. The cost is the same.
         corners: ``keep`` lets no step pass a closed cell at a corner; ``cut`` allows it, for comparison with peers.
+        memory_limit_bytes: most memory that the search may hold beside ``cells``, copies of them included.
+        on_progress: called with ``"route"``, the cells settled so far and 0; returning False stops with an error.
 
     An edge costs its metres times the length-weighted mean of the cells that it crosses (with 8 neighbours the mean of
-    both ends).
+    both ends). The cost is the way's own, summed in floats, and above the least there is by at most 1e-8 of it; it is
+    infinite when the sum is beyond what a float holds.
 
     >>> import numpy as np
     >>> shortest_path(np.ones((3, 4), dtype=bool), (0, 0), (0, 3)).cost
@@ -78,24 +86,20 @@ def shortest_path(
 
     Raises:
         UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
+        TooLargeError: the search would need more memory than ``memory_limit_bytes``.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
     """
-    costs = _costs(cells)
-    if neighbours not in (8, 16):
-        raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
-    if corners not in ("keep", "cut"):
-        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    costs, left_bytes = _costs(cells, memory_limit_bytes)
+    options = _cell_search(cell_size_m, neighbours, corners, left_bytes)
     if method not in ("auto", "astar", "dijkstra"):
         raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, astar or dijkstra.")
-    cell_size_m = require_length(cell_size_m)
     ends = {"start": _cell(start, costs.shape), "goal": _cell(goal, costs.shape)}
     for name, cell in ends.items():
-        if not math.isfinite(costs[cell]):
+        if not (costs[cell] if costs.dtype == np.bool_ else math.isfinite(costs[cell])):
             _refuse_negative(costs)  # the core, which looks otherwise, is not asked
             status: Status = "start_blocked" if name == "start" else "goal_blocked"
             return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
-    found = _core.shortest_path(
-        costs, ends["start"], ends["goal"], cell_size_m, neighbours, method, corners == "cut", None
-    )
+    found = _core.shortest_path(costs, ends["start"], ends["goal"], options, method, on_progress)
     if found is None:
         return NoRoute("no_route", "Closed cells separate start and goal.")
     way, cost = found
@@ -104,20 +108,87 @@ def shortest_path(
     return Path([Cell(*cell) for cell in way], cost, length_m)
 
 
-def _costs(cells: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(cells)
+def cost_field(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    neighbours: int = 8,
+    corners: Literal["keep", "cut"] = "keep",
+    memory_limit_bytes: int | None = None,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> NDArray[np.float64]:
+    """Return the least cost from ``start``, (row, column), to every cell: infinite where no way leads.
+
+    Arguments and edges are those of :func:`shortest_path`. From a closed start no way leads anywhere.
+
+    >>> import numpy as np
+    >>> cost_field(np.ones((2, 3), dtype=bool), (0, 0))[0].tolist()
+    [0.0, 1.0, 2.0]
+
+    Raises:
+        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
+        TooLargeError: the field would need more memory than ``memory_limit_bytes``.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    costs, left_bytes = _costs(cells, memory_limit_bytes)
+    options = _cell_search(cell_size_m, neighbours, corners, left_bytes)
+    field: NDArray[np.float64] = _core.cost_field(costs, _cell(start, costs.shape), options, on_progress)
+    return field
+
+
+def _cell_search(cell_size_m: float, neighbours: int, corners: str, left_bytes: int | None) -> dict[str, Any]:
+    if neighbours not in (8, 16):
+        raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
+    if corners not in ("keep", "cut"):
+        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    return {
+        "cell_size_m": require_length(cell_size_m),
+        "neighbours": neighbours,
+        "cut_corners": corners == "cut",
+        "memory_limit_bytes": left_bytes,
+    }
+
+
+#: Kinds of number that the core reads where they are.
+_IN_PLACE = (np.bool_, np.uint8, np.uint16, np.float32, np.float64)
+
+
+def _costs(cells: ArrayLike, limit_bytes: int | None) -> tuple[NDArray[Any], int | None]:
+    """Return costs as the core reads them, and what is left of the memory allowed."""
+    if limit_bytes is not None:
+        limit_bytes = _bytes(limit_bytes)
+    array: NDArray[Any] = np.asarray(cells)
     if array.ndim != 2 or array.size == 0:
         raise ShapeMismatchError(f"The cells have the shape {array.shape}.", "Give an array of rows and columns.")
-    if array.dtype == np.bool_:
-        return np.where(array, 1.0, np.inf)
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "biuf":
         raise InvalidParameterError("The cells do not hold numbers.", "Give costs per metre or booleans.")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    dtype = array.dtype if array.dtype in _IN_PLACE else np.dtype(np.float64)
+    if array.dtype == dtype and array.flags.c_contiguous and array.flags.aligned:
+        return array, limit_bytes
+    copied_bytes = array.size * dtype.itemsize
+    if limit_bytes is not None and copied_bytes > limit_bytes:
+        raise TooLargeError(
+            f"The cells, {array.dtype} in this layout, are copied first, which takes {copied_bytes} bytes of the "
+            f"{limit_bytes} allowed: about {limit_bytes // (dtype.itemsize + 4)} cells would fit.",
+            "Give a contiguous array of float32, or allow more memory.",
+        )
+    left_bytes = None if limit_bytes is None else limit_bytes - copied_bytes
+    return np.require(array, dtype, ["C", "A"]), left_bytes
 
 
-def _refuse_negative(costs: NDArray[np.float64]) -> None:
-    below = np.argwhere(costs < 0)
-    if len(below):
+def _bytes(given: int) -> int:
+    try:
+        count = operator.index(given)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise InvalidParameterError(f"A memory limit of {given!r} is not usable.", "Give a whole number of bytes.")
+    return min(count, 2**63)
+
+
+def _refuse_negative(costs: NDArray[Any]) -> None:
+    if costs.dtype != np.bool_ and len(below := np.argwhere(costs < 0)):
         row, column = below[0]
         raise InvalidParameterError(
             f"The cost {costs[row, column]:g} at cell ({row}, {column}) is negative.",

@@ -18,6 +18,7 @@ mod python {
     pyo3::import_exception!(swathe.errors, InvalidVehicleError);
     pyo3::import_exception!(swathe.errors, OutsideGridError);
     pyo3::import_exception!(swathe.errors, ShapeMismatchError);
+    pyo3::import_exception!(swathe.errors, TooLargeError);
 }
 
 /// Any error of the core.
@@ -62,6 +63,7 @@ enum Class {
     Outside,
     Vehicle,
     AllVoid,
+    TooLarge,
     Stopped,
 }
 
@@ -103,6 +105,7 @@ impl CoreError {
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
             Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
+            Self::Planner(PlannerError::Memory { .. }) => Class::TooLarge,
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }
     }
@@ -180,6 +183,10 @@ impl From<CoreError> for PyErr {
                 python::InvalidVehicleError::new_err((message, "Correct the figure in the vehicle's file."))
             }
             Class::AllVoid => python::AllVoidError::new_err((message, "Give elevation data that covers the area.")),
+            Class::TooLarge => python::TooLargeError::new_err((
+                message,
+                "Use coarser cells or a part of the map, or allow more memory.",
+            )),
             Class::Stopped => python::InterruptedBySignalError::new_err((message, "")),
         }
     }
@@ -315,6 +322,15 @@ fn samples() -> Vec<(&'static str, CoreError)> {
                 name: "start",
                 x_m: f64::NAN,
                 y_m: 0.0,
+            }
+            .into(),
+        ),
+        (
+            "planner.memory",
+            PlannerError::Memory {
+                needed: 400,
+                limit: 100,
+                cells: 25,
             }
             .into(),
         ),

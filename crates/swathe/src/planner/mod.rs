@@ -4,6 +4,7 @@ mod answer;
 mod cells;
 mod ground;
 mod guided;
+mod kernel;
 mod lazy_astar;
 mod plan;
 mod radix_heap;
@@ -22,8 +23,9 @@ use crate::rank::RankError;
 use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
-pub use cells::{Algorithm, Corners, CostCells, shortest_path};
+pub use cells::{Algorithm, Corners, CostCells, cell_cost_field, shortest_path};
 pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use kernel::CellCost;
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use plan::plan;
 pub use refusal::{Refusal, Status};
@@ -82,6 +84,18 @@ pub enum PlannerError {
         x_m: f64,
         /// North.
         y_m: f64,
+    },
+    /// A search that would hold more memory than allowed.
+    #[error(
+        "The search needs {needed} bytes beside the costs, more than the {limit} allowed: about {cells} cells would fit."
+    )]
+    Memory {
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        limit: u64,
+        /// Cells of a map of this shape that would fit.
+        cells: u64,
     },
     /// The caller asked to stop.
     #[error("The planner was stopped.")]
