@@ -4,7 +4,7 @@ use crate::grid::{Cell, EIGHT, GridError, GridGeometry, LayerView, SIXTEEN, Step
 use crate::progress::Report;
 
 use super::PlannerError;
-use super::kernel::{CellCost, Ground, Range, Request, field, find, negative};
+use super::kernel::{CellCost, Ground, Range, Request, field, find};
 use super::search::{Search, StepGraph, search};
 
 /// What a diagonal step may pass.
@@ -60,12 +60,11 @@ impl<'a, C: CellCost> CostCells<'a, C> {
             given => return Err(PlannerError::Neighbours { given }),
         };
         inside(&geometry, goal)?;
-        if let Some(index) = negative(costs.data()) {
+        let range = Range::of(costs.data()).map_err(|index| {
             let Cell { row, column } = geometry.cell(index);
             let cost = costs.data()[index].per_metre();
-            return Err(PlannerError::NegativeCost { row, column, cost });
-        }
-        let range = Range::of(costs.data());
+            PlannerError::NegativeCost { row, column, cost }
+        })?;
         let bounded = algorithm != Algorithm::Dijkstra && range.least.is_finite() && !range.free;
         Ok(Self {
             costs,

@@ -47,10 +47,12 @@ pub(in crate::planner) struct Range {
 }
 
 impl Range {
-    /// The range of costs that hold none below zero.
-    pub(in crate::planner) fn of<C: CellCost>(costs: &[C]) -> Self {
-        let (mut least, mut most, mut free, mut closed) = ([f64::INFINITY; LANES], [0.0; LANES], false, false);
+    /// The range of costs, or the first cell of a cost below zero.
+    pub(in crate::planner) fn of<C: CellCost>(costs: &[C]) -> Result<Self, usize> {
+        let (mut least, mut most) = ([f64::INFINITY; LANES], [0.0; LANES]);
+        let (mut free, mut closed, mut below) = (false, false, false);
         let mut look = |lane: usize, cost: f64| {
+            below |= cost < 0.0;
             let open = cost < f64::INFINITY;
             closed |= !open;
             free |= cost == 0.0;
@@ -68,21 +70,27 @@ impl Range {
         for &cost in rest {
             look(0, cost.per_metre());
         }
-        Self {
+        if below && let Some(index) = costs.iter().position(|cost| cost.per_metre() < 0.0) {
+            return Err(index);
+        }
+        Ok(Self {
             least: least.into_iter().fold(f64::INFINITY, f64::min),
             most: most.into_iter().fold(0.0, f64::max),
             free,
             closed,
+        })
+    }
+
+    /// The range of costs that were multiplied with a factor.
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self {
+            least: self.least * factor,
+            most: self.most * factor,
+            free: self.free || self.least * factor == 0.0,
+            closed: self.closed,
         }
     }
 }
 
 /// Costs looked at side by side.
 const LANES: usize = 8;
-
-/// The first cell of a cost below zero.
-pub(in crate::planner) fn negative<C: CellCost>(costs: &[C]) -> Option<usize> {
-    let below = |costs: &[C]| costs.iter().fold(false, |found, cost| found | (cost.per_metre() < 0.0));
-    let chunk = costs.chunks(1 << 12).position(below)? << 12;
-    Some(chunk + costs[chunk..].iter().position(|cost| cost.per_metre() < 0.0)?)
-}

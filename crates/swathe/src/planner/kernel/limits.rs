@@ -29,7 +29,7 @@ pub(super) fn shift(start: Cell, goal: Cell) -> u32 {
 }
 
 /// Blocks beside the coarse way that the first, narrow search may use.
-const TUBE: usize = 2;
+const TUBE: usize = 1;
 /// Least ratio of the length of steps on 16 neighbours to the octile one: that of a knight's move.
 const KNIGHT: f64 = 0.926_209;
 /// A hair less than the bound, so that rounding cannot lift it above the truth.
@@ -120,6 +120,8 @@ pub(super) struct Coarse<'a, 'b, C> {
     to_goal: Vec<f64>,
     queue: RadixHeap,
     settled_to: f64,
+    /// First and last row and column of nodes with a value.
+    reached: [[usize; 2]; 2],
     metres: f64,
 }
 
@@ -138,6 +140,11 @@ impl<'a, 'b, C: CellCost> Coarse<'a, 'b, C> {
             to_goal,
             queue,
             settled_to: 0.0,
+            reached: [
+                frame.node(goal) / frame.nodes_across(),
+                frame.node(goal) % frame.nodes_across(),
+            ]
+            .map(|at| [at, at]),
             metres: ground.metres * f64::from(1 << frame.shift) * shortest * HAIR,
         }
     }
@@ -179,26 +186,30 @@ impl<'a, 'b, C: CellCost> Coarse<'a, 'b, C> {
     /// Limits for ways that cost no more than `most`; `round` gives the last bucket of a cost from the start.
     pub(super) fn limits(&mut self, most: f64, round: impl Fn(f64) -> u64) -> Limits {
         while self.settled_to <= most && self.settle_one() {}
-        let [rows, columns] = self.frame.blocks;
-        let mut end = Vec::with_capacity(rows * columns);
-        for row in 0..rows {
-            for column in 0..columns {
+        let across = self.frame.blocks[1];
+        let mut end = vec![0; self.frame.blocks[0] * across];
+        let [rows, columns] = self.blocks_near(0);
+        for row in rows {
+            for column in columns.clone() {
                 let corners = self.frame.corners(row, column).map(|node| self.to_goal[node]);
                 let left = most - corners.into_iter().fold(f64::INFINITY, f64::min);
                 // Nodes beyond `most` may not have their least value yet; it is beyond `most` too.
-                end.push(if left < 0.0 { 0 } else { round(left).saturating_add(1) });
+                if left >= 0.0 {
+                    end[row * across + column] = round(left).saturating_add(1);
+                }
             }
         }
         Limits { end, frame: self.frame }
     }
 
-    /// The cells that a search inside limits can have labelled, as ranges of indices: those of open blocks and around.
-    pub(super) fn for_each_labelled(&self, limits: &Limits, mut visit: impl FnMut(std::ops::Range<usize>)) {
+    /// The cells that a search in a tube can have labelled, as ranges of indices: those of open blocks and around.
+    pub(super) fn for_each_labelled(&self, tube: &Limits, mut visit: impl FnMut(std::ops::Range<usize>)) {
         let [rows, columns] = self.frame.blocks;
-        let open = |row: usize, column: usize| limits.end[row * columns + column] > 0;
-        for row in 0..rows {
+        let open = |row: usize, column: usize| tube.end[row * columns + column] > 0;
+        let [near_rows, near_columns] = self.blocks_near(TUBE + 1);
+        for row in near_rows {
             let above_to_below = row.saturating_sub(1)..(row + 2).min(rows);
-            for column in 0..columns {
+            for column in near_columns.clone() {
                 let west_to_east = column.saturating_sub(1)..(column + 2).min(columns);
                 if above_to_below
                     .clone()
@@ -212,6 +223,14 @@ impl<'a, 'b, C: CellCost> Coarse<'a, 'b, C> {
                 }
             }
         }
+    }
+
+    /// Rows and columns of blocks no more than some from nodes with a value.
+    fn blocks_near(&self, blocks: usize) -> [std::ops::Range<usize>; 2] {
+        [0, 1].map(|axis| {
+            let [first, last] = self.reached[axis];
+            first.saturating_sub(blocks + 1)..(last + blocks + 1).min(self.frame.blocks[axis])
+        })
     }
 
     fn corners_of(&self, cell: Cell) -> [usize; 4] {
@@ -232,11 +251,15 @@ impl<'a, 'b, C: CellCost> Coarse<'a, 'b, C> {
         }
         self.settled_to = cost;
         let costs = self.steps(node);
+        let across = self.frame.nodes_across();
         for (k, step) in costs.into_iter().enumerate() {
             if let Some(near) = self.neighbour(node, k)
                 && cost + step < self.to_goal[near]
             {
                 self.to_goal[near] = cost + step;
+                for (reached, at) in self.reached.iter_mut().zip([near / across, near % across]) {
+                    *reached = [reached[0].min(at), reached[1].max(at)];
+                }
                 self.queue.push(cost + step, near as u32);
             }
         }

@@ -35,7 +35,7 @@ use stencil::{Eight, Sixteen, Stencil};
 use way::Way;
 
 pub use costs::CellCost;
-pub(super) use costs::{Range, negative};
+pub(super) use costs::Range;
 pub(super) use settle::Ground;
 
 /// Greatest relative distance of a returned cost to the least one.
@@ -117,7 +117,7 @@ pub(super) fn find<C: CellCost>(
         request.require(ground.rows, ground.columns, per_cell)?;
         let costs: Vec<f64> = ground.costs.iter().map(|cost| cost.per_metre() * factor).collect();
         let scaled = ground.with_costs(&costs);
-        let mut found = find(&scaled, Range::of(&costs), request, report)?;
+        let mut found = find(&scaled, range.times(factor), request, report)?;
         if let Search::Found { cost, .. } = &mut found {
             *cost /= factor;
         }
@@ -218,7 +218,7 @@ pub(super) fn field<C: CellCost>(
     if let Some(factor) = factor(range) {
         request.require(ground.rows, ground.columns, 2 * size_of::<f64>() as u64)?;
         let costs: Vec<f64> = ground.costs.iter().map(|cost| cost.per_metre() * factor).collect();
-        let found = field(&ground.with_costs(&costs), Range::of(&costs), request, report)?;
+        let found = field(&ground.with_costs(&costs), range.times(factor), request, report)?;
         return Ok(found.map(|field| field.into_iter().map(|cost| cost / factor).collect()));
     }
     request.require(ground.rows, ground.columns, size_of::<f64>() as u64)?;
