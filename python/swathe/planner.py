@@ -14,16 +14,19 @@ from swathe.corridor import Corridor, CorridorParams
 from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError, TooLargeError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
-from swathe.swarm import SwarmParams, Tally, tally
+from swathe.objective import Objective, as_objective, closed_where, cost_factor
+from swathe.swarm import Frame, StopParams, Stopped, SwarmParams, Tally, frame_of, tally
 from swathe.terrain import require_length
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
+    from swathe.objective import CostFunction, Word
     from swathe.rank import Region
 
+PathKind = Literal["grid8", "grid16", "any-angle"]
 Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
 
 
@@ -32,6 +35,21 @@ class Path:
     """A cheapest way over cells: its cells from start to goal, its cost and its length in metres."""
 
     cells: list[Cell]
+    cost: float
+    length_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class AnyAnglePath:
+    """A way of straight segments at any angle.
+
+    Attributes:
+        points: (n, 2) vertices from start to goal as row and column; whole numbers are the centres of cells.
+        cost: the integral of the cost per metre along the segments.
+        length_m: their length in metres.
+    """
+
+    points: NDArray[np.float64]
     cost: float
     length_m: float
 
@@ -93,15 +111,13 @@ def shortest_path(
     options = _cell_search(cell_size_m, neighbours, corners, left_bytes)
     if method not in ("auto", "astar", "dijkstra"):
         raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, astar or dijkstra.")
-    ends = {"start": _cell(start, costs.shape), "goal": _cell(goal, costs.shape)}
-    for name, cell in ends.items():
-        if not (costs[cell] if costs.dtype == np.bool_ else math.isfinite(costs[cell])):
-            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
-            status: Status = "start_blocked" if name == "start" else "goal_blocked"
-            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
-    found = _core.shortest_path(costs, ends["start"], ends["goal"], options, method, on_progress)
+    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
+    blocked = _blocked_end(costs, first, last)
+    if blocked is not None:
+        return blocked
+    found = _core.shortest_path(costs, first, last, options, method, on_progress)
     if found is None:
-        return NoRoute("no_route", "Closed cells separate start and goal.")
+        return NoRoute("no_route", _SEPARATED)
     way, cost = found
     steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
     length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m) if len(way) > 1 else 0.0
@@ -137,11 +153,116 @@ def cost_field(
     return field
 
 
+def any_angle_path(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    method: Literal["auto", "theta", "eikonal"] = "auto",
+    corners: Literal["keep", "cut"] = "keep",
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> AnyAnglePath | NoRoute:
+    """Return a cheap way of straight segments at any angle from the centre of ``start`` to the centre of ``goal``.
+
+    Args:
+        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+        start: row and column of the first cell.
+        goal: row and column of the last cell.
+        cell_size_m: side of a cell.
+        method: ``theta`` refines what Lazy Theta* and the search over 16 neighbours find, ``eikonal`` the way down the
+            eikonal field; ``auto`` takes the cheapest of all.
+        corners: ``keep`` lets no segment touch a closed cell, not even at a corner; ``cut`` allows it.
+        on_progress: called with stage, work done and work expected; returning False stops with an error.
+
+    The cost is the integral of the cost per metre along the segments, so it is never less than that of a cheapest way;
+    with ``auto`` and ``theta`` it is never more than that of ``shortest_path``. How near it comes to the cheapest is
+    measured in docs/any-angle.md. Where corners are cut, ``eikonal`` alone finds only ways that share sides of cells.
+
+    >>> import numpy as np
+    >>> any_angle_path(np.ones((4, 5)), (0, 0), (3, 4)).cost
+    5.0
+
+    Raises:
+        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    costs = _floats(cells)
+    if method not in ("auto", "theta", "eikonal"):
+        raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, theta or eikonal.")
+    _require_corners(corners)
+    cell_size_m = require_length(cell_size_m)
+    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
+    blocked = _blocked_end(costs, first, last)
+    if blocked is not None:
+        return blocked
+    found = _core.any_angle_path(costs, first, last, cell_size_m, method, corners == "cut", on_progress)
+    if found is None:
+        return NoRoute("no_route", _SEPARATED)
+    way, cost = found
+    points = np.asarray(way, dtype=np.float64)
+    points[0], points[-1] = first, last  # without the rounding of metres
+    steps = np.diff(points, axis=0)
+    return AnyAnglePath(points, cost, float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m))
+
+
+def eikonal_field(
+    cells: ArrayLike,
+    start: tuple[int, int],
+    *,
+    cell_size_m: float = 1.0,
+    on_progress: Callable[[str, int, int], bool] | None = None,
+) -> NDArray[np.float64]:
+    """Return the costs from the centre of ``start`` to the centre of every cell, as if any heading could be taken.
+
+    Args:
+        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
+        start: row and column of the start.
+        cell_size_m: side of a cell.
+        on_progress: called with stage, work done and work expected; returning False stops with an error.
+
+    The values solve the eikonal equation by fast marching (Sethian 1996, 1999), of second order where the cost is
+    smooth. Right for costs that change little from cell to cell; docs/any-angle.md tells the errors. Infinite where no
+    way of steps along rows and columns leads, and everywhere when the start is closed.
+
+    >>> import numpy as np
+    >>> eikonal_field(np.ones((1, 4)), (0, 0))
+    array([[0., 1., 2., 3.]])
+
+    Raises:
+        UsageError: a cost is negative, or the start lies outside.
+        InterruptedBySignalError: ``on_progress`` asked to stop.
+    """
+    costs = _floats(cells)
+    cell_size_m = require_length(cell_size_m)
+    first = _cell(start, costs.shape)
+    field: NDArray[np.float64] = _core.eikonal_field(costs, first, cell_size_m, on_progress)
+    return field
+
+
+#: Why no way leads from one open cell to another.
+_SEPARATED = "Closed cells separate start and goal."
+
+
+def _require_corners(corners: str) -> None:
+    if corners not in ("keep", "cut"):
+        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+
+
+def _blocked_end(costs: NDArray[Any], start: Cell, goal: Cell) -> NoRoute | None:
+    """Return the refusal when start or goal is closed."""
+    for name, cell in (("start", start), ("goal", goal)):
+        if not (costs[cell] if costs.dtype == np.bool_ else math.isfinite(costs[cell])):
+            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
+            status: Status = "start_blocked" if name == "start" else "goal_blocked"
+            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
+    return None
+
+
 def _cell_search(cell_size_m: float, neighbours: int, corners: str, left_bytes: int | None) -> dict[str, Any]:
     if neighbours not in (8, 16):
         raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
-    if corners not in ("keep", "cut"):
-        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
+    _require_corners(corners)
     return {
         "cell_size_m": require_length(cell_size_m),
         "neighbours": neighbours,
@@ -187,6 +308,12 @@ def _bytes(given: int) -> int:
     return min(count, 2**63)
 
 
+def _floats(cells: ArrayLike) -> NDArray[np.float64]:
+    """Return costs as floats, infinite where a boolean says closed."""
+    costs, _ = _costs(cells, None)
+    return np.where(costs, 1.0, np.inf) if costs.dtype == np.bool_ else np.ascontiguousarray(costs, np.float64)
+
+
 def _refuse_negative(costs: NDArray[Any]) -> None:
     if costs.dtype != np.bool_ and len(below := np.argwhere(costs < 0)):
         row, column = below[0]
@@ -211,7 +338,10 @@ def _cell(cell: tuple[int, int], shape: tuple[int, ...]) -> Cell:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A straight part of a route. Grades are rise over run; ``grade_min`` is the steepest way down."""
+    """A straight part of a route. Grades are rise over run; ``grade_min`` is the steepest way down.
+
+    ``cost`` is the objective's sum in seconds; ``risk_s`` its seconds beside no-go ground, weighted by the nearness.
+    """
 
     start: Position
     end: Position
@@ -219,6 +349,7 @@ class Leg:
     time_s: float
     cost: float
     energy_j: float
+    risk_s: float
     climb_m: float
     descent_m: float
     grade_max: float
@@ -244,6 +375,7 @@ class Route:
     time_s: float
     cost: float
     energy_j: float
+    risk_s: float
     climb_m: float
     descent_m: float
     grade_max: float
@@ -268,8 +400,8 @@ class Plan:
         reason: why there is none, in one sentence.
         place: where.
         remedy: the nearest thing that would change it.
-        path: cells of the way before shortcuts.
-        path_cost: its cost in seconds.
+        path: cells of the way over the grid, before shortcuts and refinement.
+        path_cost: its cost in seconds, weighted by the objective.
         cost_lower_bound: no way from start to goal costs less.
         optimal: whether the way is known to be the best of the whole map.
         start: where the route starts and how far that is from the place asked for, in metres.
@@ -278,6 +410,8 @@ class Plan:
         corridor: arc and swathe (swarm only).
         swarm: what the swarm did (swarm only).
         cells_evaluated: cells whose rank was asked for.
+        stopped: what ended the search for ground and what it left unseen (swarm only).
+        frames: pictures of the swarm at work and its arc, as many as were asked for at most.
     """
 
     status: Status
@@ -295,6 +429,8 @@ class Plan:
     corridor: Corridor | None
     swarm: Tally | None
     cells_evaluated: int
+    stopped: Stopped | None = None
+    frames: tuple[Frame, ...] = ()
 
 
 def plan(
@@ -305,9 +441,16 @@ def plan(
     method: Literal["swarm", "exact"] = "swarm",
     swarm: SwarmParams | None = None,
     corridor: CorridorParams | None = None,
+    path: PathKind = "grid16",
     bridge: bool = False,
     certify: bool = False,
+    stop: StopParams | None = None,
     map_continues: bool = False,
+    objective: Objective | Word | str | Mapping[str, float] = "time",
+    cost: ArrayLike | CostFunction | None = None,
+    reverse: bool = False,
+    frames: int = 0,
+    frame_step: int = 1,
     on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> Plan:
     """Plan a route over a region.
@@ -319,9 +462,21 @@ def plan(
         method: ``swarm`` in a swathe around an arc, or ``exact`` over the whole map.
         swarm: the swarm's parameters; its nest parameters hold for ``exact`` too.
         corridor: arc and width of the swathe.
+        path: what the route is made of. ``grid8``: steps to 8 neighbours as they are; ``grid16``: steps to 16
+            neighbours, then shortcuts; ``any-angle``: straight segments whose vertices lie anywhere.
         bridge: whether suitable ground outside nests may be crossed, at three times the cost, when nothing else does.
         certify: whether the swathe is widened until the way is known to be the best of the whole map.
+        stop: when the swarm stops and what it may spend. Stopped early, it answers with the route that is known by
+            then, or a refusal that does not claim that there is none.
         map_continues: whether there is more map beyond the region, which limits what can be certified.
+        objective: what the way should save: ``time``, ``energy``, ``risk``, or weights (``swathe.objective``). The
+            vehicle's limits hold under every objective.
+        cost: the user's factor on the cost of each cell, at least 0, closed where it is NaN or infinite: an array of
+            the region's shape or a function of blocks (``swathe.objective.cost_factor``).
+        reverse: charge every step, and hold its limits, as if it were driven the other way: the way from A to B then
+            costs what the way from B to A costs without.
+        frames: most pictures to take of the swarm, 0 or at least 2, which changes nothing about it.
+        frame_step: cells per side of a picture's blocks.
         on_progress: called with stage, work done and work expected; returning False stops with an error.
 
     Raises:
@@ -330,7 +485,14 @@ def plan(
     """
     swarm = swarm or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
     corridor = corridor or CorridorParams()
+    if frames < 0 or frame_step < 1:
+        raise InvalidParameterError(
+            f"{frames} frames in blocks of {frame_step} cells cannot be taken.", "Give 0 or more, and 1 or more."
+        )
     request = {
+        **asdict(stop or StopParams()),
+        "frames": frames,
+        "frame_step": frame_step,
         **swarm.core_arguments(),
         "start": tuple(start),
         "goal": tuple(goal),
@@ -338,10 +500,15 @@ def plan(
         "arc": corridor.arc,
         "sagitta_m": corridor.sagitta_m,
         "width_m": corridor.width_m,
+        "path": path,
         "bridge": bridge,
         "certify": certify,
+        "objective": as_objective(objective).core_argument(),
+        "reversed": reverse,
     }
-    return _plan(_core.plan(region.core, request, map_continues, on_progress))
+    factor = None if cost is None else cost_factor(region, cost)
+    region = closed_where(region, factor)
+    return _plan(_core.plan(region.core, request, factor, map_continues, on_progress))
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,12 +535,16 @@ def lazy_astar(
     *,
     nest: NestParams | None = None,
     weight: float = 1.0,
+    objective: Objective | Word | str | Mapping[str, float] = "time",
+    cost: ArrayLike | CostFunction | None = None,
+    reverse: bool = False,
     on_progress: Callable[[str, int, int], bool] | None = None,
 ) -> LazySearch:
     """Find a cheapest way through the nests of the whole map, ranking cells only where it comes to expand them.
 
     The honest peer of the swarm: with ``weight`` 1 the cost is the least there is, with weight w at most w times that.
-    ``start`` and ``goal`` are (row, column) of cells in nests; elsewhere there is no way.
+    ``start`` and ``goal`` are (row, column) of cells in nests; elsewhere there is no way. ``objective``, ``cost`` and
+    ``reverse`` are those of ``plan``.
 
     Raises:
         UsageError: a cell lies outside, or a parameter is outside its range.
@@ -381,7 +552,10 @@ def lazy_astar(
     """
     first, last = _cell(start, region.geometry.shape), _cell(goal, region.geometry.shape)
     nest = nest or NestParams(rank_min=region.params.rank_min)
-    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, on_progress)
+    request = {"objective": as_objective(objective).core_argument(), "reversed": reverse}
+    factor = None if cost is None else cost_factor(region, cost)
+    region = closed_where(region, factor)
+    found = _core.lazy_astar(region.core, first, last, asdict(nest), weight, request, factor, on_progress)
     cells = None if found["cells"] is None else [Cell(*cell) for cell in found["cells"]]
     return LazySearch(cells, found["cost"], found["cells_evaluated"], found["cells_expanded"])
 
@@ -411,6 +585,8 @@ def _plan(found: dict[str, Any]) -> Plan:
         corridor=corridor,
         swarm=tally(found["swarm"]) if "swarm" in found else None,
         cells_evaluated=found["cells_evaluated"],
+        stopped=Stopped(*found["stopped"]) if "stopped" in found else None,
+        frames=tuple(frame_of(frame) for frame in found["frames"]),
     )
 
 
@@ -423,6 +599,7 @@ _SUMS = (
     "time_s",
     "cost",
     "energy_j",
+    "risk_s",
     "climb_m",
     "descent_m",
     "grade_max",

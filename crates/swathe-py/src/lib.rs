@@ -14,6 +14,7 @@ mod progress;
 mod rank;
 mod region;
 mod soil;
+mod stop;
 mod swarm;
 mod terrain;
 mod vehicle;
@@ -27,7 +28,7 @@ mod _core {
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
-    use crate::planner::{cost_field, lazy_astar, plan, shortest_path};
+    use crate::planner::{any_angle_path, cost_field, eikonal_field, lazy_astar, plan, shortest_path};
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
@@ -37,7 +38,9 @@ mod _core {
     #[pymodule_export]
     use crate::swarm::{merge_tiles, run_swarm, run_tile, tile_jobs, transitions};
     #[pymodule_export]
-    use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
+    use crate::terrain::{
+        aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope, squared_distances,
+    };
     #[pymodule_export]
     use crate::vehicle::Vehicle;
 

@@ -4,13 +4,16 @@ use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swathe::grid::{Cell, GridGeometry, Layer};
-use swathe::swarm::{Colony, Ending, Frame, FrameTicks, State, TRANSITIONS, Tally, TileJob, TileResult, Window};
+use swathe::swarm::{
+    Colony, Ending, Frame, FrameTicks, State, StopRule, TRANSITIONS, Tally, TileJob, TileResult, Window,
+};
 
 use crate::convert::{array, geometry, nest_params, swarm_params, values};
 use crate::error::CoreError;
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
+use crate::stop::stop_params;
 
 /// The tally as a dictionary.
 pub(crate) fn tally_dict(py: Python<'_>, tally: Tally) -> PyResult<Bound<'_, PyDict>> {
@@ -44,18 +47,19 @@ impl Viewer {
     }
 }
 
-fn frame_dict(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyDict>> {
+pub(crate) fn frame_dict(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyDict>> {
     fn layer<T: Element>(py: Python<'_>, data: Vec<T>, rows: usize) -> PyResult<Bound<'_, PyArray2<T>>> {
         let columns = data.len() / rows;
         PyArray1::from_vec(py, data).reshape([rows, columns])
     }
+    let frame_agents = frame.agents.len();
     let found = tally_dict(py, frame.tally)?;
     found.set_item("step", frame.step)?;
     found.set_item("seen", layer(py, frame.seen, frame.rows)?)?;
     found.set_item("pellets", layer(py, frame.pellets, frame.rows)?)?;
     found.set_item("nests", layer(py, frame.nests, frame.rows)?)?;
-    let agents = frame.agents.len();
-    found.set_item("agents", layer(py, frame.agents.into_flattened(), agents)?)?;
+    let agents = frame.agents.into_flattened();
+    found.set_item("agents", PyArray1::from_vec(py, agents).reshape([frame_agents, 2])?)?;
     Ok(found)
 }
 
@@ -73,10 +77,10 @@ pub(crate) fn transitions() -> (
 
 /// Runs a swarm inside a mask (everywhere without one) for at most `ticks`; returns labels, sizes, how it ended and the tally.
 ///
-/// With `on_frame` it is called with a frame every `frame_every` ticks, or at `frame_ticks` when that is 0, in blocks of
+/// `stop` holds a rule and budgets. With `on_frame` it is called with a frame every `frame_every` ticks, or at `frame_ticks` when that is 0, in blocks of
 /// `frame_step` cells.
 #[pyfunction]
-#[pyo3(signature = (region, inside, params, ticks, report, on_frame=None, frame_every=0, frame_ticks=vec![], frame_step=1))]
+#[pyo3(signature = (region, inside, params, ticks, stop, report, on_frame=None, frame_every=0, frame_ticks=vec![], frame_step=1))]
 #[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
 pub(crate) fn run_swarm<'py>(
     py: Python<'py>,
@@ -84,6 +88,7 @@ pub(crate) fn run_swarm<'py>(
     inside: Option<PyReadonlyArray2<'py, bool>>,
     params: &Bound<'py, PyDict>,
     ticks: u64,
+    stop: &Bound<'py, PyDict>,
     report: Option<Py<PyAny>>,
     on_frame: Option<Py<PyAny>>,
     frame_every: u64,
@@ -91,6 +96,7 @@ pub(crate) fn run_swarm<'py>(
     frame_step: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
     let params = swarm_params(params)?;
+    let (rule, budget, deadline) = stop_params(stop)?;
     let mask = inside.as_ref().map(values).transpose()?.map(<[bool]>::to_vec);
     let mut told = PythonReport::new(report);
     let is_watched = on_frame.is_some();
@@ -107,29 +113,45 @@ pub(crate) fn run_swarm<'py>(
         let mask = mask.unwrap_or_else(|| vec![true; geometry.cell_count()]);
         let mask = Layer::new(geometry, mask, "the swathe")?;
         let mut colony = Colony::deploy(ranker, &mask, params)?;
-        let mut tell = |done, total| told.tell("regions", done, total);
+        colony.stop_by(rule.unwrap_or(StopRule::Finished), budget)?;
+        let mut late = false;
+        let mut tell = |done, total| {
+            late = deadline.is_over();
+            !late && told.tell("regions", done, total)
+        };
         let ending = if is_watched {
             colony.run_in_frames(ticks, &frames, frame_step, &mut tell, &mut |frame| viewer.show(frame))
         } else {
             colony.run(ticks, &mut tell)
         };
-        Ok((ending, colony.tally(), colony.take_nests()?))
+        let ending = if late { "seconds_spent" } else { word(ending) };
+        let unknown = geometry
+            .cells()
+            .filter(|&cell| colony.is_inside(cell) && !colony.is_evaluated(cell));
+        let unknown = unknown.count();
+        let quiet = colony.quiet_visits_needed();
+        Ok((ending, unknown, quiet, colony.tally(), colony.take_nests()?))
     });
     if let Some(error) = viewer.raised {
         return Err(error);
     }
-    let (ending, tally, nests) = told.settle(result)?;
+    let (ending, unknown, quiet, tally, nests) = told.settle(result)?;
     let found = tally_dict(py, tally)?;
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;
     found.set_item("sizes", sizes)?;
-    found.set_item("ending", word(ending))?;
+    found.set_item("ending", ending)?;
+    found.set_item("unknown_cells", unknown)?;
+    found.set_item("quiet_visits", quiet)?;
     Ok(found)
 }
 
 fn word(ending: Ending) -> &'static str {
     match ending {
         Ending::Finished => "finished",
+        Ending::Connected => "connected",
+        Ending::Statistical => "statistical",
+        Ending::EvaluationsSpent => "evaluations_spent",
         Ending::TicksSpent => "ticks_spent",
         Ending::Stopped => "stopped",
     }

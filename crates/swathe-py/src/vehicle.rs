@@ -57,6 +57,8 @@ impl Vehicle {
             manual_transmission: entry(figures, "manual_transmission")?,
             running_gear,
             measured_cone_index_kpa: entry(figures, "vehicle_cone_index_kpa")?,
+            gauge_m: entry(figures, "gauge_m")?,
+            centre_of_gravity_m: entry(figures, "centre_of_gravity_m")?,
         };
         inner.validate().map_err(CoreError::from)?;
         Ok(Self { inner })
@@ -66,6 +68,11 @@ impl Vehicle {
     fn cone_index(&self) -> (f64, f64, bool) {
         let index = self.inner.cone_index();
         (index.one_pass_kpa, index.fifty_passes_kpa, index.extrapolated)
+    }
+
+    /// The side slope on which it tips over at rest, or None when gauge or centre of gravity are not known.
+    fn rollover_slope(&self) -> Option<f64> {
+        self.inner.rollover_slope()
     }
 
     /// (go, steepest grade by traction, rolling resistance, speed m/s) on a soil class.

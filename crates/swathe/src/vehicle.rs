@@ -96,6 +96,10 @@ pub struct Vehicle {
     pub running_gear: RunningGear,
     /// A measured vehicle cone index in kPa that replaces the formula.
     pub measured_cone_index_kpa: Option<f64>,
+    /// Distance between the centre lines of left and right wheels or tracks, in metres.
+    pub gauge_m: Option<f64>,
+    /// Height of the centre of gravity above the ground in metres.
+    pub centre_of_gravity_m: Option<f64>,
 }
 
 /// What can be wrong with a vehicle.
@@ -143,6 +147,11 @@ impl Vehicle {
             ("drive efficiency", self.drive_efficiency),
             ("braking friction", self.braking_friction),
             ("traction friction", self.traction_friction),
+            ("gauge in metres", self.gauge_m.unwrap_or(1.0)),
+            (
+                "height of the centre of gravity in metres",
+                self.centre_of_gravity_m.unwrap_or(1.0),
+            ),
         ];
         for (name, given) in positive {
             if !(given.is_finite() && given > 0.0) {
@@ -169,6 +178,17 @@ impl Vehicle {
     /// Radius of the circle around the footprint, in metres.
     pub fn circumscribed_radius_m(&self) -> f64 {
         self.length_m.hypot(self.width_m) / 2.0
+    }
+
+    /// The side slope on which the vehicle would tip over when it stands still: half its gauge over the height of its centre
+    /// of gravity (the static stability factor). `None` unless both are known.
+    pub fn rollover_slope(&self) -> Option<f64> {
+        Some(self.gauge_m? / (2.0 * self.centre_of_gravity_m?))
+    }
+
+    /// The side slope that is never exceeded: the limit, or less where the vehicle would tip over before.
+    pub fn max_side_slope(&self) -> f64 {
+        self.side_slope.min(self.rollover_slope().unwrap_or(f64::INFINITY))
     }
 
     /// The steeper of the two grade limits.
@@ -312,6 +332,8 @@ pub(crate) mod fixtures {
                 chains: false,
             }),
             measured_cone_index_kpa: None,
+            gauge_m: None,
+            centre_of_gravity_m: None,
         }
     }
 

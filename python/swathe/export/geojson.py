@@ -45,6 +45,7 @@ def route_collection(route: Route | None, frame: Frame, origin: Mapping[str, Any
                     "speed_mps": round(leg.speed_mps, 4),
                     "time_s": round(leg.time_s, 3),
                     "energy_j": round(leg.energy_j, 1),
+                    "risk_s": round(leg.risk_s, 3),
                     "climb_m": round(leg.climb_m, 3),
                     "descent_m": round(leg.descent_m, 3),
                     "outside_nests_m": round(leg.bridged_m, 3),

@@ -12,7 +12,7 @@ use crate::progress::Report;
 use crate::rank::CellSource;
 
 use super::agents::Extent;
-use super::{State, SwarmError, SwarmParams};
+use super::{Budget, State, StopRule, SwarmError, SwarmParams};
 
 pub use frame::{Frame, FrameTicks, Seen};
 
@@ -34,16 +34,25 @@ mod flag {
 /// The bits that tell the ground of the agents: these cells are inside, and not of the halo.
 const GROUND: u8 = flag::INSIDE | flag::HALO;
 
-/// Ticks between two reports.
+/// Most ticks between two reports.
 const TICKS_PER_REPORT: u64 = 64;
+
+/// Visits after which a report is due, so that a crowd can be stopped too.
+const VISITS_PER_REPORT: u64 = 1 << 20;
 
 /// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// No cell can become a core any more.
     Finished,
+    /// The watched cells lie in one nest, and that was the rule.
+    Connected,
+    /// Little can be left to find, and that was the rule.
+    Statistical,
     /// The given number of ticks is over.
     TicksSpent,
+    /// The budget of evaluations is spent.
+    EvaluationsSpent,
     /// The caller asked to stop.
     Stopped,
 }
@@ -79,6 +88,12 @@ pub struct Colony<Source: CellSource> {
     /// Tick at which the present swathe was set; permutations start anew there.
     epoch_start: u64,
     watched: Option<(usize, usize)>,
+    rule: StopRule,
+    budget: Budget,
+    /// Visits to random cells in a row that met nothing new; counted for the statistical rule alone.
+    quiet_visits: u64,
+    /// Cells that agents walk on.
+    ground_cells: u64,
     tally: Tally,
     trace: trace::Trace,
 }
@@ -124,6 +139,10 @@ impl<Source: CellSource> Colony<Source> {
             open: 0,
             epoch_start: 0,
             watched: None,
+            rule: StopRule::Finished,
+            budget: Budget::default(),
+            quiet_visits: 0,
+            ground_cells: 0,
             tally: Tally::default(),
             trace: trace::Trace::default(),
         };
@@ -146,11 +165,13 @@ impl<Source: CellSource> Colony<Source> {
         let mask = inside.data();
         Layer::new(self.geometry, vec![(); mask.len()], "the swathe")?;
         let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
+        self.ground_cells = 0;
         for (index, flags) in self.flags.iter_mut().enumerate() {
             if mask[index] {
                 *flags |= flag::INSIDE;
             }
             if *flags & GROUND == flag::INSIDE {
+                self.ground_cells += 1;
                 let cell = self.geometry.cell(index);
                 low = (low.0.min(cell.row), low.1.min(cell.column));
                 high = (high.0.max(cell.row), high.1.max(cell.column));
@@ -165,6 +186,7 @@ impl<Source: CellSource> Colony<Source> {
             };
         }
         self.epoch_start = self.tally.ticks;
+        self.quiet_visits = 0;
         self.open = 0;
         let mut lost = Vec::new();
         for index in 0..self.flags.len() {
@@ -198,23 +220,84 @@ impl<Source: CellSource> Colony<Source> {
         self.note_connection();
     }
 
-    /// Runs until the swarm is finished, `ticks` are over, or `report` (cells settled, cells in all) returns false.
+    /// Forgets whether the watched cells were connected and watches others.
+    pub(crate) fn watch_instead(&mut self, a: Cell, b: Cell) {
+        self.tally.connected_at = None;
+        self.watch(a, b);
+    }
+
+    /// Sets when the swarm stops and what it may spend in all, ticks and evaluations of the past included. Never a cell more
+    /// than the budget allows is evaluated.
+    ///
+    /// # Errors
+    /// [`SwarmError::Parameter`] when the rule's numbers are not usable.
+    pub fn stop_by(&mut self, rule: StopRule, budget: Budget) -> Result<(), SwarmError> {
+        rule.validate()?;
+        (self.rule, self.budget, self.quiet_visits) = (rule, budget, 0);
+        Ok(())
+    }
+
+    /// Which budget is spent.
+    pub fn spent(&self) -> Option<Ending> {
+        if self
+            .budget
+            .evaluations
+            .is_some_and(|most| self.tally.cells_evaluated >= most)
+        {
+            Some(Ending::EvaluationsSpent)
+        } else if self.budget.ticks.is_some_and(|most| self.tally.ticks >= most) {
+            Some(Ending::TicksSpent)
+        } else {
+            None
+        }
+    }
+
+    /// Random visits in a row without news that end this swarm, where its rule is the statistical one.
+    pub fn quiet_visits_needed(&self) -> Option<u64> {
+        self.rule.quiet_visits(self.ground_cells, self.params.pellet_max)
+    }
+
+    /// Why no further tick is due.
+    fn over(&self) -> Option<Ending> {
+        let by_rule = match self.rule {
+            StopRule::Finished => None,
+            StopRule::Good | StopRule::Connected => self.tally.connected_at.map(|_| Ending::Connected),
+            StopRule::Statistical { .. } => self
+                .quiet_visits_needed()
+                .filter(|&needed| self.quiet_visits >= needed)
+                .map(|_| Ending::Statistical),
+        };
+        if self.open == 0 {
+            Some(Ending::Finished)
+        } else {
+            by_rule.or_else(|| self.spent())
+        }
+    }
+
+    /// Runs until the swarm is finished, its rule or budget ends it ([`Self::stop_by`]), `ticks` are over, or `report`
+    /// (cells settled, cells in all) returns false.
     pub fn run(&mut self, ticks: u64, report: &mut Report) -> Ending {
         let last = self.tally.ticks.saturating_add(ticks);
         let total = self.open;
         let mut ahead = 1;
-        while self.open > 0 {
+        let per_report = (VISITS_PER_REPORT / self.agents.len().max(1) as u64).clamp(1, TICKS_PER_REPORT);
+        loop {
+            match self.over() {
+                None => {}
+                Some(Ending::Finished) => break,
+                Some(ending) => return ending,
+            }
             if self.tally.ticks >= last {
                 return Ending::TicksSpent;
             }
-            let since_report = self.tally.ticks % TICKS_PER_REPORT;
+            let since_report = self.tally.ticks % per_report;
             if since_report == 0 && !report(total - self.open, total) {
                 return Ending::Stopped;
             }
-            let ticks = ahead.min(last - self.tally.ticks).min(TICKS_PER_REPORT - since_report);
+            let ticks = ahead.min(last - self.tally.ticks).min(per_report - since_report);
             self.spend(ticks);
             // A swarm that is soon finished foresees little in vain.
-            ahead = (2 * ahead).min(TICKS_PER_REPORT);
+            ahead = (2 * ahead).min(per_report);
         }
         self.trace.finish();
         Ending::Finished

@@ -7,6 +7,7 @@
 
 mod agents;
 mod colony;
+mod stop;
 mod tiles;
 mod transitions;
 
@@ -16,6 +17,7 @@ use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
 pub use colony::{Changes, Colony, Ending, Frame, FrameTicks, Seen, Tally};
+pub use stop::{Budget, STATISTICAL, StopRule};
 pub use tiles::{TileJob, TileResult, Window, merge_tiles, tile_jobs};
 pub use transitions::{Chart, State, TRANSITIONS, Transition};
 

@@ -10,7 +10,7 @@ use crate::grid::{Cell, EIGHT, FOUR, Step};
 use crate::nest::Contact;
 use crate::rank::{CellRank, CellSource};
 use crate::swarm::agents::Field;
-use crate::swarm::{Explore, State};
+use crate::swarm::{Explore, State, StopRule};
 
 use super::{Colony, GROUND, flag};
 
@@ -46,11 +46,11 @@ impl Ahead {
 }
 
 impl<Source: CellSource> Colony<Source> {
-    /// Spends at most `ticks` ticks, less when the swarm finishes; at least one of an unfinished swarm.
+    /// Spends at most `ticks` ticks, less when the swarm is over; at least one of one that is not.
     pub(super) fn spend(&mut self, ticks: u64) {
         let ahead = self.ahead(ticks);
         for tick in 0..ahead.ticks {
-            if self.open == 0 {
+            if self.over().is_some() {
                 return;
             }
             self.tick(ahead.visits(tick));
@@ -108,6 +108,7 @@ impl<Source: CellSource> Colony<Source> {
         }
         self.look(&unseen);
         let mut full = Vec::new();
+        let counts_quiet = matches!(self.rule, StopRule::Statistical { .. });
         for (agent, cell) in visits.enumerate() {
             let arrival = (cell != NOWHERE).then(|| self.params.arrival(agent as u32, since_start));
             self.trace.arrive(since_start, arrival);
@@ -120,6 +121,10 @@ impl<Source: CellSource> Colony<Source> {
             let pellets = &mut self.pellets[index];
             let suitable = self.flags[index] & flag::SUITABLE > 0;
             self.trace.enter_if(suitable, State::Count);
+            if counts_quiet && arrival == Some(State::Deploy) {
+                let is_news = suitable && *pellets < self.params.pellet_max;
+                self.quiet_visits = if is_news { 0 } else { self.quiet_visits + 1 };
+            }
             if suitable && *pellets < self.params.pellet_max {
                 *pellets += 1;
                 self.trace.enter(State::Drop);
@@ -134,13 +139,19 @@ impl<Source: CellSource> Colony<Source> {
         self.note_connection();
     }
 
-    /// Puts a cell of the swathe that nobody knows on the list of those to look at, once.
-    fn claim(&mut self, index: usize, unseen: &mut Vec<u32>) {
+    /// Puts a cell of the swathe that nobody knows on the list of those to look at, once. Returns whether it is known then;
+    /// the budget may forbid that.
+    fn claim(&mut self, index: usize, unseen: &mut Vec<u32>) -> bool {
         let flags = &mut self.flags[index];
         if *flags & (flag::EVALUATED | flag::INSIDE) == flag::INSIDE {
+            let count = self.tally.cells_evaluated + unseen.len() as u64;
+            if self.budget.evaluations.is_some_and(|most| count >= most) {
+                return false;
+            }
             *flags |= flag::EVALUATED;
             unseen.push(index as u32);
         }
+        true
     }
 
     /// Asks for the ranks of claimed cells and takes note of them in order.
@@ -199,12 +210,16 @@ impl<Source: CellSource> Colony<Source> {
                 return;
             }
             unseen.clear();
-            for &cell in &full {
+            full.retain(|&cell| {
                 self.trace.enter_at(cell, State::Examine);
-                if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
-                    self.claim(self.geometry.index(near), &mut unseen);
+                let near = self.vicinity[step].from(&self.geometry, cell);
+                let known = near.is_none_or(|near| self.claim(self.geometry.index(near), &mut unseen));
+                if !known {
+                    // A test that the budget cuts short is made again after the next pellet.
+                    self.pellets[self.geometry.index(cell)] -= 1;
                 }
-            }
+                known
+            });
             self.look(&unseen);
         }
         for cell in full {

@@ -1,0 +1,40 @@
+//! Which kind of path a route follows.
+
+use crate::grid::{Cell, EIGHT, GridGeometry, Step};
+
+use super::ground::Ground;
+use super::search::StepGraph;
+
+/// Which kind of path a route follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PathKind {
+    /// Steps to 8 neighbours, as they are.
+    Grid8,
+    /// Steps to 16 neighbours, then shortcuts.
+    #[default]
+    Grid16,
+    /// Straight segments at any angle.
+    AnyAngle,
+}
+
+/// The ground with steps to 8 neighbours only.
+pub(super) struct EightNeighbours<'a>(pub(super) &'a Ground<'a>);
+
+impl StepGraph for EightNeighbours<'_> {
+    fn geometry(&self) -> GridGeometry {
+        self.0.geometry()
+    }
+
+    fn steps(&self) -> &[Step] {
+        &EIGHT
+    }
+
+    /// Every second one of the sixteen steps is one of the eight.
+    fn edge_cost(&self, from: Cell, step: usize) -> f64 {
+        self.0.edge_cost(from, 2 * step)
+    }
+
+    fn bound(&self, cell: Cell) -> f64 {
+        self.0.bound(cell)
+    }
+}
