@@ -1,4 +1,8 @@
-"""From nests to a route: search, shortcuts, certificate, and reasons when there is no way."""
+"""From nests to a route: search, shortcuts, certificate, and reasons when there is no way.
+
+Why this file is long: plans, ways over cells and ways at any angle are one public module, and its functions carry the
+documentation.
+"""
 
 from __future__ import annotations
 
