@@ -74,7 +74,7 @@ lint-imports: build
 	$(call announce,lint-imports)
 	@$(BIN)/lint-imports --no-cache --no-logo
 
-test-rust: $(BIN)/python ## the Rust tests
+test-rust: $(BIN)/python system-packages ## the Rust tests
 	$(call announce,cargo test)
 	@cargo test --locked $(CARGO_TEST_PACKAGES) -- --quiet
 
@@ -96,6 +96,7 @@ system-packages: ## install what some tests compare with (apt; only when missing
 	@packages=(); \
 	command -v gdaldem >/dev/null || packages+=(gdal-bin); \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || packages+=(chromium); \
+	command -v valgrind >/dev/null || packages+=(valgrind); \
 	if [ $${#packages[@]} -eq 0 ]; then exit 0; fi; \
 	printf '\n==> system packages: %s\n' "$${packages[*]}"; \
 	if [ "$$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then \

@@ -16,6 +16,7 @@ from swathe.errors import (
     OutsideGridError,
     ShapeMismatchError,
     SwatheError,
+    TooLargeError,
 )
 
 EMPTY = (
@@ -187,6 +188,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         InvalidParameterError,
         "The start (NaN, 0) is not a place: both coordinates must be finite.",
         "Give two finite numbers.",
+    ),
+    "planner.memory": (
+        TooLargeError,
+        "The search needs 400 bytes beside the costs, more than the 100 allowed: about 25 cells would fit.",
+        "Use coarser cells or a part of the map, or allow more memory.",
     ),
     "planner.stopped": (InterruptedBySignalError, "The planner was stopped.", ""),
 }

@@ -1,11 +1,7 @@
 """From nests to a route: search, shortcuts, certificate, and reasons when there is no way."""
 
-# Why this file is long: it is the mirror of a core module that finds ways, repairs them and plans routes.
-
 from __future__ import annotations
 
-import math
-import operator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,12 +10,23 @@ import numpy as np
 from swathe import _core
 from swathe.corridor import Corridor, CorridorParams
 from swathe.drivable import DrivablePath, wrapped
-from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
+from swathe.errors import InvalidParameterError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
 from swathe.objective import Objective, as_objective, closed_where, cost_factor
+from swathe.repair import RepairTally, Replanner
 from swathe.swarm import Frame, StopParams, Stopped, SwarmParams, Tally, frame_of, tally
-from swathe.terrain import require_length
+from swathe.ways import (
+    AnyAnglePath,
+    NoRoute,
+    Path,
+    Status,
+    any_angle_path,
+    as_cell,
+    cost_field,
+    eikonal_field,
+    shortest_path,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,431 +36,33 @@ if TYPE_CHECKING:
     from swathe.objective import CostFunction, Word
     from swathe.rank import Region
 
+__all__ = [
+    "AnyAnglePath",
+    "LazySearch",
+    "Leg",
+    "NoRoute",
+    "Path",
+    "PathKind",
+    "Plan",
+    "RepairTally",
+    "Replanner",
+    "Route",
+    "Status",
+    "any_angle_path",
+    "cost_field",
+    "eikonal_field",
+    "lazy_astar",
+    "plan",
+    "shortest_path",
+]
+
 PathKind = Literal["auto", "grid8", "grid16", "any-angle", "drivable"]
-Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """A cheapest way over cells: its cells from start to goal, its cost and its length in metres."""
-
-    cells: list[Cell]
-    cost: float
-    length_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class AnyAnglePath:
-    """A way of straight segments at any angle.
-
-    Attributes:
-        points: (n, 2) vertices from start to goal as row and column; whole numbers are the centres of cells.
-        cost: the integral of the cost per metre along the segments.
-        length_m: their length in metres.
-    """
-
-    points: NDArray[np.float64]
-    cost: float
-    length_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class NoRoute:
-    """No way; falsy. ``status`` is ``no_route``, ``start_blocked`` or ``goal_blocked``, ``reason`` one sentence."""
-
-    status: Status
-    reason: str
-
-    def __bool__(self) -> bool:
-        """Return False, so that ``if path:`` reads well."""
-        return False
-
-
-def shortest_path(
-    cells: ArrayLike,
-    start: tuple[int, int],
-    goal: tuple[int, int],
-    *,
-    cell_size_m: float = 1.0,
-    neighbours: int = 8,
-    method: Literal["auto", "astar", "dijkstra"] = "auto",
-    corners: Literal["keep", "cut"] = "keep",
-) -> Path | NoRoute:
-    """Return a cheapest way over cells from ``start`` to ``goal``, both (row, column).
-
-    Args:
-        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
-        start: row and column of the first cell.
-        goal: row and column of the last cell.
-        cell_size_m: side of a cell.
-        neighbours: 8 or 16 directions.
-        method: ``auto``, ``astar`` or ``dijkstra``; the cost is the same.
-        corners: ``keep`` lets no step pass a closed cell at a corner; ``cut`` allows it, for comparison with peers.
-
-    An edge costs its metres times the length-weighted mean of the cells that it crosses (with 8 neighbours the mean of
-    both ends).
-
-    >>> import numpy as np
-    >>> shortest_path(np.ones((3, 4), dtype=bool), (0, 0), (0, 3)).cost
-    3.0
-
-    Raises:
-        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
-    """
-    costs = _costs(cells)
-    if neighbours not in (8, 16):
-        raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
-    _require_corners(corners)
-    if method not in ("auto", "astar", "dijkstra"):
-        raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, astar or dijkstra.")
-    cell_size_m = require_length(cell_size_m)
-    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
-    blocked = _blocked_end(costs, first, last)
-    if blocked is not None:
-        return blocked
-    found = _core.shortest_path(costs, first, last, cell_size_m, neighbours, method, corners == "cut", None)
-    if found is None:
-        return NoRoute("no_route", _SEPARATED)
-    way, cost = found
-    steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
-    length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m) if len(way) > 1 else 0.0
-    return Path([Cell(*cell) for cell in way], cost, length_m)
-
-
-@dataclass(frozen=True, slots=True)
-class RepairTally:
-    """What the last search of a :class:`Replanner` did, and how many there were.
-
-    Attributes:
-        expanded: cells that it settled or unsettled, some of them more than once.
-        looked_at: the same, with the cells around changed ones and those whose way was withdrawn.
-        afresh: whether it began from nothing.
-        fresh_plans: searches from nothing so far.
-        repairs: repairs so far.
-    """
-
-    expanded: int
-    looked_at: int
-    afresh: bool
-    fresh_plans: int
-    repairs: int
-
-
-class Replanner:
-    """A cheapest way over cells that is kept right while cells change and the robot moves (D* Lite).
-
-    The cost of :meth:`path` is that of a new ``Replanner`` on the changed cells to the last bit: the least over all
-    ways of the sum of their steps, taken from the goal backwards. :func:`shortest_path` sums in another order, so it
-    may differ from it in the last bits.
-
-    >>> import numpy as np
-    >>> replanner = Replanner(np.ones((3, 5)), (1, 0), (1, 4))
-    >>> replanner.path().cost
-    4.0
-    >>> replanner.update(slice(0, 2), slice(2, 3), np.inf)
-    2
-    >>> replanner.move_to((1, 1))
-    >>> round(replanner.path().cost, 3)
-    4.414
-    """
-
-    def __init__(
-        self,
-        cells: ArrayLike,
-        start: tuple[int, int],
-        goal: tuple[int, int],
-        *,
-        cell_size_m: float = 1.0,
-        neighbours: int = 8,
-        corners: Literal["keep", "cut"] = "keep",
-        repair_share: float = 0.2,
-        keep_expanded: bool = False,
-    ) -> None:
-        """Take a copy of the cells; the arguments that :func:`shortest_path` has too mean the same.
-
-        Args:
-            cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
-            start: row and column of the robot.
-            goal: row and column of the last cell.
-            cell_size_m: side of a cell.
-            neighbours: 8 or 16 directions.
-            corners: ``keep`` or ``cut``.
-            repair_share: share of a fresh plan's work, 0 or more, after which a repair is given up for a fresh plan.
-            keep_expanded: whether :attr:`expanded` is kept, for pictures.
-
-        Raises:
-            UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
-        """
-        costs = _costs(cells)
-        if neighbours not in (8, 16):
-            raise InvalidParameterError(f"{neighbours} neighbours are not offered.", "Give 8 or 16.")
-        if corners not in ("keep", "cut"):
-            raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
-        if not repair_share >= 0:
-            raise InvalidParameterError(f"A repair share of {repair_share} is not usable.", "Give 0 or more.")
-        self._cell_size_m = require_length(cell_size_m)
-        self._start, self._goal = _cell(start, costs.shape), _cell(goal, costs.shape)
-        self._shape = costs.shape
-        self._core = _core.Replanner(
-            costs,
-            self._start,
-            self._goal,
-            self._cell_size_m,
-            neighbours,
-            corners == "cut",
-            float(repair_share),
-            keep_expanded,
-        )
-
-    @property
-    def start(self) -> Cell:
-        """Where the robot is."""
-        return self._start
-
-    @property
-    def goal(self) -> Cell:
-        """Where it should go."""
-        return self._goal
-
-    def move_to(self, cell: tuple[int, int]) -> None:
-        """Move the robot to a cell (row, column).
-
-        Raises:
-            UsageError: the cell lies outside.
-        """
-        self._start = _cell(cell, self._shape)
-        self._core.move_to(self._start)
-
-    def update(self, rows: ArrayLike | slice, columns: ArrayLike | slice, values: ArrayLike) -> int:
-        """Give cells new values and return how many of them are now others than before.
-
-        Args:
-            rows: a slice for a rectangle of cells, or whole numbers for single ones.
-            columns: as ``rows``.
-            values: what ``cells`` may hold, one for each cell or one for all.
-
-        Raises:
-            UsageError: a value is negative, a cell lies outside, or the shapes do not fit; nothing has changed then.
-        """
-        if isinstance(rows, slice) and isinstance(columns, slice):
-            spans = [range(*span.indices(size)) for span, size in zip((rows, columns), self._shape, strict=True)]
-            if any(span.step != 1 for span in spans):
-                raise InvalidParameterError("A rectangle of cells has no gaps.", "Give slices without a step.")
-            shape = (len(spans[0]), len(spans[1]))
-            costs = _costs_like(values, shape)
-            return self._core.update_window(spans[0].start, spans[1].start, costs) if costs.size else 0
-        if isinstance(rows, slice) or isinstance(columns, slice):
-            raise InvalidParameterError("Rows and columns are not of one kind.", "Give two slices or two arrays.")
-        row, column = (_numbers(name, given) for name, given in (("rows", rows), ("columns", columns)))
-        try:
-            row, column = np.broadcast_arrays(row, column)
-        except ValueError as error:
-            raise ShapeMismatchError(
-                f"Rows of the shape {row.shape} do not fit columns of the shape {column.shape}.",
-                "Give one row and one column for each cell.",
-            ) from error
-        costs = _costs_like(values, row.shape)
-        return self._core.update_cells(np.ravel(row), np.ravel(column), np.ravel(costs))
-
-    def path(self, *, on_progress: Callable[[str, int, int], bool] | None = None) -> Path | NoRoute:
-        """Return a cheapest way from the robot to the goal, repaired or searched afresh as needed.
-
-        Args:
-            on_progress: called with ``route``, the cells looked at and 0; returning False stops with an error, and the
-                next call goes on.
-
-        Raises:
-            InterruptedBySignalError: ``on_progress`` asked to stop.
-        """
-        ends: tuple[tuple[Status, str, Cell], ...] = (
-            ("start_blocked", "start", self._start),
-            ("goal_blocked", "goal", self._goal),
-        )
-        for status, name, cell in ends:
-            if math.isinf(self._core.cost(cell)):
-                return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
-        found = self._core.path(on_progress)
-        if found is None:
-            return NoRoute("no_route", "Closed cells separate start and goal.")
-        way, cost = found
-        steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
-        length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self._cell_size_m) if len(way) > 1 else 0.0
-        return Path([Cell(*cell) for cell in way], cost, length_m)
-
-    @property
-    def tally(self) -> RepairTally:
-        """What the last search did."""
-        return RepairTally(*self._core.tally())
-
-    @property
-    def expanded(self) -> NDArray[np.uint32]:
-        """Rows and columns of the cells that the last search expanded, (n, 2) in their order; see ``keep_expanded``."""
-        return np.asarray(self._core.expanded())
-
-
-def _numbers(name: str, given: ArrayLike) -> NDArray[np.int64]:
-    array = np.asarray(given)
-    if array.size == 0:
-        return array.astype(np.int64)
-    if array.dtype.kind not in "iu":
-        raise InvalidParameterError(f"The {name} are not whole numbers.", "Give rows and columns counted from 0.")
-    return array.astype(np.int64)
-
-
-def _costs_like(values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return costs per metre of a shape from what ``cells`` may hold."""
-    array = np.asarray(values)
-    if array.dtype == np.bool_:
-        array = np.where(array, 1.0, np.inf)
-    if array.dtype.kind not in "iuf":
-        raise InvalidParameterError("The values do not hold numbers.", "Give costs per metre or booleans.")
-    try:
-        return np.ascontiguousarray(np.broadcast_to(array, shape), dtype=np.float64)
-    except ValueError as error:
-        raise ShapeMismatchError(
-            f"Values of the shape {array.shape} do not fit cells of the shape {shape}.",
-            "Give one value for each cell, or one for all.",
-        ) from error
-
-
-def any_angle_path(
-    cells: ArrayLike,
-    start: tuple[int, int],
-    goal: tuple[int, int],
-    *,
-    cell_size_m: float = 1.0,
-    method: Literal["auto", "theta", "eikonal"] = "auto",
-    corners: Literal["keep", "cut"] = "keep",
-    on_progress: Callable[[str, int, int], bool] | None = None,
-) -> AnyAnglePath | NoRoute:
-    """Return a cheap way of straight segments at any angle from the centre of ``start`` to the centre of ``goal``.
-
-    Args:
-        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
-        start: row and column of the first cell.
-        goal: row and column of the last cell.
-        cell_size_m: side of a cell.
-        method: ``theta`` refines what Lazy Theta* and the search over 16 neighbours find, ``eikonal`` the way down the
-            eikonal field; ``auto`` takes the cheapest of all.
-        corners: ``keep`` lets no segment touch a closed cell, not even at a corner; ``cut`` allows it.
-        on_progress: called with stage, work done and work expected; returning False stops with an error.
-
-    The cost is the integral of the cost per metre along the segments, so it is never less than that of a cheapest way;
-    with ``auto`` and ``theta`` it is never more than that of ``shortest_path``. How near it comes to the cheapest is
-    measured in docs/any-angle.md. Where corners are cut, ``eikonal`` alone finds only ways that share sides of cells.
-
-    >>> import numpy as np
-    >>> any_angle_path(np.ones((4, 5)), (0, 0), (3, 4)).cost
-    5.0
-
-    Raises:
-        UsageError: a cost is negative, a cell lies outside, or an argument is not one of those named.
-        InterruptedBySignalError: ``on_progress`` asked to stop.
-    """
-    costs = _costs(cells)
-    if method not in ("auto", "theta", "eikonal"):
-        raise InvalidParameterError(f"The method {method!r} is not known.", "Give auto, theta or eikonal.")
-    _require_corners(corners)
-    cell_size_m = require_length(cell_size_m)
-    first, last = _cell(start, costs.shape), _cell(goal, costs.shape)
-    blocked = _blocked_end(costs, first, last)
-    if blocked is not None:
-        return blocked
-    found = _core.any_angle_path(costs, first, last, cell_size_m, method, corners == "cut", on_progress)
-    if found is None:
-        return NoRoute("no_route", _SEPARATED)
-    way, cost = found
-    points = np.asarray(way, dtype=np.float64)
-    points[0], points[-1] = first, last  # without the rounding of metres
-    steps = np.diff(points, axis=0)
-    return AnyAnglePath(points, cost, float(np.hypot(steps[:, 0], steps[:, 1]).sum() * cell_size_m))
-
-
-def eikonal_field(
-    cells: ArrayLike,
-    start: tuple[int, int],
-    *,
-    cell_size_m: float = 1.0,
-    on_progress: Callable[[str, int, int], bool] | None = None,
-) -> NDArray[np.float64]:
-    """Return the costs from the centre of ``start`` to the centre of every cell, as if any heading could be taken.
-
-    Args:
-        cells: (rows, columns); bool = passable at cost 1, numbers = cost per metre (NaN and infinity are closed).
-        start: row and column of the start.
-        cell_size_m: side of a cell.
-        on_progress: called with stage, work done and work expected; returning False stops with an error.
-
-    The values solve the eikonal equation by fast marching (Sethian 1996, 1999), of second order where the cost is
-    smooth. Right for costs that change little from cell to cell; docs/any-angle.md tells the errors. Infinite where no
-    way of steps along rows and columns leads, and everywhere when the start is closed.
-
-    >>> import numpy as np
-    >>> eikonal_field(np.ones((1, 4)), (0, 0))
-    array([[0., 1., 2., 3.]])
-
-    Raises:
-        UsageError: a cost is negative, or the start lies outside.
-        InterruptedBySignalError: ``on_progress`` asked to stop.
-    """
-    costs = _costs(cells)
-    cell_size_m = require_length(cell_size_m)
-    first = _cell(start, costs.shape)
-    field: NDArray[np.float64] = _core.eikonal_field(costs, first, cell_size_m, on_progress)
-    return field
 
 
 #: Why no way leads from one open cell to another.
-_SEPARATED = "Closed cells separate start and goal."
 
 
-def _require_corners(corners: str) -> None:
-    if corners not in ("keep", "cut"):
-        raise InvalidParameterError(f"The corners {corners!r} are not known.", "Give keep or cut.")
-
-
-def _blocked_end(costs: NDArray[np.float64], start: Cell, goal: Cell) -> NoRoute | None:
-    """Return the refusal when start or goal is closed."""
-    for name, cell in (("start", start), ("goal", goal)):
-        if not math.isfinite(costs[cell]):
-            _refuse_negative(costs)  # the core, which looks otherwise, is not asked
-            status: Status = "start_blocked" if name == "start" else "goal_blocked"
-            return NoRoute(status, f"The {name} cell ({cell.row}, {cell.column}) is closed.")
-    return None
-
-
-def _costs(cells: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(cells)
-    if array.ndim != 2 or array.size == 0:
-        raise ShapeMismatchError(f"The cells have the shape {array.shape}.", "Give an array of rows and columns.")
-    if array.dtype == np.bool_:
-        return np.where(array, 1.0, np.inf)
-    if array.dtype.kind not in "iuf":
-        raise InvalidParameterError("The cells do not hold numbers.", "Give costs per metre or booleans.")
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
-def _refuse_negative(costs: NDArray[np.float64]) -> None:
-    below = np.argwhere(costs < 0)
-    if len(below):
-        row, column = below[0]
-        raise InvalidParameterError(
-            f"The cost {costs[row, column]:g} at cell ({row}, {column}) is negative.",
-            "Mark closed cells with NaN or infinity instead.",
-        )
-
-
-def _cell(cell: tuple[int, int], shape: tuple[int, ...]) -> Cell:
-    try:
-        row, column = (operator.index(value) for value in cell)
-    except (TypeError, ValueError) as error:
-        raise InvalidParameterError(f"{cell!r} is not a cell.", "Give a row and a column, whole numbers.") from error
-    if not (0 <= row < shape[0] and 0 <= column < shape[1]):
-        raise OutsideGridError(
-            f"Cell ({row}, {column}) lies outside {shape[0]} rows and {shape[1]} columns.",
-            "Rows and columns count from 0 at the north-west.",
-        )
-    return Cell(row, column)
+#: Kinds of number that the core reads where they are.
 
 
 @dataclass(frozen=True, slots=True)
@@ -681,7 +290,7 @@ def lazy_astar(
         UsageError: a cell lies outside, or a parameter is outside its range.
         InterruptedBySignalError: ``on_progress`` asked to stop.
     """
-    first, last = _cell(start, region.geometry.shape), _cell(goal, region.geometry.shape)
+    first, last = as_cell(start, region.geometry.shape), as_cell(goal, region.geometry.shape)
     nest = nest or NestParams(rank_min=region.params.rank_min)
     request = {"objective": as_objective(objective).core_argument(), "reversed": reverse}
     factor = None if cost is None else cost_factor(region, cost)

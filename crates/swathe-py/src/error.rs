@@ -18,6 +18,7 @@ mod python {
     pyo3::import_exception!(swathe.errors, InvalidVehicleError);
     pyo3::import_exception!(swathe.errors, OutsideGridError);
     pyo3::import_exception!(swathe.errors, ShapeMismatchError);
+    pyo3::import_exception!(swathe.errors, TooLargeError);
 }
 
 /// Any error of the core.
@@ -62,6 +63,7 @@ enum Class {
     Outside,
     Vehicle,
     AllVoid,
+    TooLarge,
     Stopped,
 }
 
@@ -107,6 +109,7 @@ impl CoreError {
                 Class::Parameter("Give time, energy, risk or weights such as time=1,energy=0.5.")
             }
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
+            Self::Planner(PlannerError::Memory { .. }) => Class::TooLarge,
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }
     }
@@ -184,6 +187,10 @@ impl From<CoreError> for PyErr {
                 python::InvalidVehicleError::new_err((message, "Correct the figure in the vehicle's file."))
             }
             Class::AllVoid => python::AllVoidError::new_err((message, "Give elevation data that covers the area.")),
+            Class::TooLarge => python::TooLargeError::new_err((
+                message,
+                "Use coarser cells or a part of the map, or allow more memory.",
+            )),
             Class::Stopped => python::InterruptedBySignalError::new_err((message, "")),
         }
     }
@@ -336,6 +343,15 @@ fn samples() -> Vec<(&'static str, CoreError)> {
                 name: "start",
                 x_m: f64::NAN,
                 y_m: 0.0,
+            }
+            .into(),
+        ),
+        (
+            "planner.memory",
+            PlannerError::Memory {
+                needed: 400,
+                limit: 100,
+                cells: 25,
             }
             .into(),
         ),

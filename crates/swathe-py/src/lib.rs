@@ -32,7 +32,7 @@ mod _core {
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
-    use crate::planner::{any_angle_path, eikonal_field, lazy_astar, plan, shortest_path};
+    use crate::planner::{any_angle_path, cost_field, eikonal_field, lazy_astar, plan, shortest_path};
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]

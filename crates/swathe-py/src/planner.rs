@@ -1,17 +1,17 @@
 //! The planner.
 
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::{Element, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
 use swathe::planner::{
-    Algorithm, AnyAngleMethod, ArcFrame, Corners, Film, LazyRequest, Leg, Objective, PathKind, Plan, PlanRequest,
-    Search, SegmentFacts, Stage, Status, Terrain, Watch, Way, WaySearch,
+    Algorithm, AnyAngleMethod, ArcFrame, CellCost, Corners, Film, LazyRequest, Leg, Objective, PathKind, Plan,
+    PlanRequest, PlannerError, Search, SegmentFacts, Stage, Status, Terrain, Watch, Way, WaySearch,
 };
 
 use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
 use crate::drivable::driven;
-use crate::error::{CoreError, invalid};
+use crate::error::CoreError;
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
@@ -21,50 +21,136 @@ use crate::swarm::{frame_dict, tally_dict};
 type Places = Option<(Vec<(usize, usize)>, f64)>;
 type Vertices = Option<(Vec<(f64, f64)>, f64)>;
 
-/// (cells, cost) of a cheapest way over costs per metre, or None.
-#[pyfunction]
-#[pyo3(signature = (costs, start, goal, cell_size_m, neighbours, algorithm, cut_corners, report))]
-#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
-pub(crate) fn shortest_path<'py>(
-    py: Python<'py>,
-    costs: PyReadonlyArray2<'py, f64>,
-    start: (usize, usize),
-    goal: (usize, usize),
+/// Costs per metre in one of the kinds of number that the core reads in place.
+#[derive(FromPyObject)]
+pub(crate) enum Costs<'py> {
+    Flags(PyReadonlyArray2<'py, bool>),
+    Bytes(PyReadonlyArray2<'py, u8>),
+    Words(PyReadonlyArray2<'py, u16>),
+    Singles(PyReadonlyArray2<'py, f32>),
+    Doubles(PyReadonlyArray2<'py, f64>),
+}
+
+/// What both searches over cells are asked for, but the start.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct CellSearch {
     cell_size_m: f64,
     neighbours: u32,
-    algorithm: &str,
     cut_corners: bool,
+    memory_limit_bytes: Option<u64>,
+}
+
+impl CellSearch {
+    fn corners(&self) -> Corners {
+        if self.cut_corners { Corners::Cut } else { Corners::Keep }
+    }
+}
+
+/// (cells, cost) of a cheapest way over costs per metre, or None.
+#[pyfunction]
+#[pyo3(signature = (costs, start, goal, options, algorithm, report))]
+pub(crate) fn shortest_path(
+    py: Python<'_>,
+    costs: Costs<'_>,
+    start: (usize, usize),
+    goal: (usize, usize),
+    options: CellSearch,
+    algorithm: &str,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Places> {
+    let algorithm = word(
+        "method",
+        algorithm,
+        &[
+            ("auto", Algorithm::Auto),
+            ("dijkstra", Algorithm::Dijkstra),
+            ("astar", Algorithm::AStar),
+        ],
+    )?;
+    match costs {
+        Costs::Flags(costs) => path(py, &costs, [start, goal], &options, algorithm, report),
+        Costs::Bytes(costs) => path(py, &costs, [start, goal], &options, algorithm, report),
+        Costs::Words(costs) => path(py, &costs, [start, goal], &options, algorithm, report),
+        Costs::Singles(costs) => path(py, &costs, [start, goal], &options, algorithm, report),
+        Costs::Doubles(costs) => path(py, &costs, [start, goal], &options, algorithm, report),
+    }
+}
+
+fn path<C: CellCost + Element>(
+    py: Python<'_>,
+    costs: &PyReadonlyArray2<'_, C>,
+    ends: [(usize, usize); 2],
+    options: &CellSearch,
+    algorithm: Algorithm,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Places> {
     let (rows, columns) = costs.as_array().dim();
-    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
-    let algorithm = match algorithm {
-        "auto" => Algorithm::Auto,
-        "dijkstra" => Algorithm::Dijkstra,
-        "astar" => Algorithm::AStar,
-        other => {
-            return Err(invalid(
-                format!("The method {other:?} is not known; known are auto, dijkstra, astar."),
-                "Choose one of them.",
-            ));
-        }
-    };
-    let corners = if cut_corners { Corners::Cut } else { Corners::Keep };
-    let data = values(&costs)?;
-    let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
+    let grid = geometry((rows, columns, options.cell_size_m, 0.0, 0.0))?;
+    let data = values(costs)?;
+    let [start, goal] = ends.map(|(row, column)| Cell::new(row, column));
     let mut told = PythonReport::new(report);
     let result = py.detach(|| -> Result<Search, CoreError> {
         let costs = LayerView::new(grid, data, "the costs")?;
         let mut tell = |done, total| told.tell("route", done, total);
+        let (neighbours, memory) = (options.neighbours, options.memory_limit_bytes);
         Ok(swathe::planner::shortest_path(
-            costs, start, goal, neighbours, corners, algorithm, &mut tell,
+            costs,
+            start,
+            goal,
+            neighbours,
+            options.corners(),
+            algorithm,
+            memory,
+            &mut tell,
         )?)
     });
     match told.settle(result.map_err(PyErr::from))? {
         Search::Found { cells, cost } => Ok(Some((cells.iter().map(|cell| (cell.row, cell.column)).collect(), cost))),
         Search::Unreachable => Ok(None),
-        Search::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+        Search::Stopped => Err(CoreError::from(PlannerError::Stopped).into()),
     }
+}
+
+/// Costs from the start to every cell, infinite where no way leads.
+#[pyfunction]
+#[pyo3(signature = (costs, start, options, report))]
+pub(crate) fn cost_field<'py>(
+    py: Python<'py>,
+    costs: Costs<'py>,
+    start: (usize, usize),
+    options: CellSearch,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    match costs {
+        Costs::Flags(costs) => field(py, &costs, start, &options, report),
+        Costs::Bytes(costs) => field(py, &costs, start, &options, report),
+        Costs::Words(costs) => field(py, &costs, start, &options, report),
+        Costs::Singles(costs) => field(py, &costs, start, &options, report),
+        Costs::Doubles(costs) => field(py, &costs, start, &options, report),
+    }
+}
+
+fn field<'py, C: CellCost + Element>(
+    py: Python<'py>,
+    costs: &PyReadonlyArray2<'py, C>,
+    start: (usize, usize),
+    options: &CellSearch,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, options.cell_size_m, 0.0, 0.0))?;
+    let data = values(costs)?;
+    let start = Cell::new(start.0, start.1);
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<Vec<f64>, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        let (neighbours, memory) = (options.neighbours, options.memory_limit_bytes);
+        let found = swathe::planner::cell_cost_field(costs, start, neighbours, options.corners(), memory, &mut tell)?;
+        Ok(found.ok_or(PlannerError::Stopped)?)
+    });
+    array(py, grid, told.settle(result.map_err(PyErr::from))?)
 }
 
 /// ([(row, column)], cost) of a cheap way at any angle over costs per metre, or None; cell centres are whole numbers.
@@ -190,7 +276,7 @@ pub(crate) fn lazy_astar<'py>(
     let (cells, cost) = match answer.search {
         Search::Found { cells, cost } => (Some(cells), Some(cost)),
         Search::Unreachable => (None, None),
-        Search::Stopped => return Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+        Search::Stopped => return Err(CoreError::from(PlannerError::Stopped).into()),
     };
     let cells = cells.map(|cells| cells.iter().map(|cell| (cell.row, cell.column)).collect::<Vec<_>>());
     found.set_item("cells", cells)?;

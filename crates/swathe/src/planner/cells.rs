@@ -4,6 +4,7 @@ use crate::grid::{Cell, EIGHT, GridError, GridGeometry, LayerView, SIXTEEN, Step
 use crate::progress::Report;
 
 use super::PlannerError;
+use super::kernel::{CellCost, Ground, Range, Request, field, find};
 use super::search::{Search, StepGraph, search};
 
 /// What a diagonal step may pass.
@@ -15,35 +16,38 @@ pub enum Corners {
     Cut,
 }
 
-/// Which search runs.
+/// Which search runs; the way is a cheapest one each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Algorithm {
-    /// The quicker of the two for the instance: A* where a bound exists, else Dijkstra.
+    /// Dijkstra with buckets inside limits from a coarse grid: cells from which the goal cannot be reached in time are left
+    /// out. The quickest on almost every map.
     Auto,
-    /// Dijkstra.
+    /// Dijkstra with buckets over the whole map, until the goal is reached.
     Dijkstra,
-    /// A* with the least cost per metre times the straight distance.
+    /// Textbook A* in floats, with the least cost per metre times the straight distance as bound.
     AStar,
 }
 
 /// Costs per metre as a graph of 8 or 16 neighbours.
 #[derive(Clone, Debug)]
-pub struct CostCells<'a> {
-    costs: LayerView<'a, f64>,
+pub struct CostCells<'a, C = f64> {
+    costs: LayerView<'a, C>,
     steps: &'static [Step],
     corners: Corners,
+    range: Range,
+    /// Bound on the cost of a metre towards the goal.
     least: f64,
     goal: Cell,
 }
 
-impl<'a> CostCells<'a> {
+impl<'a, C: CellCost> CostCells<'a, C> {
     /// A graph over costs per metre; NaN and infinite cells are closed.
     ///
     /// # Errors
     /// [`PlannerError::NegativeCost`] naming the first negative cell, [`PlannerError::Neighbours`] for a number other than
     /// 8 or 16, [`PlannerError::Grid`] when the goal lies outside.
     pub fn new(
-        costs: LayerView<'a, f64>,
+        costs: LayerView<'a, C>,
         goal: Cell,
         neighbours: u32,
         corners: Corners,
@@ -56,24 +60,31 @@ impl<'a> CostCells<'a> {
             given => return Err(PlannerError::Neighbours { given }),
         };
         inside(&geometry, goal)?;
-        let mut least = f64::INFINITY;
-        for (index, &cost) in costs.data().iter().enumerate() {
-            if cost < 0.0 {
-                let Cell { row, column } = geometry.cell(index);
-                return Err(PlannerError::NegativeCost { row, column, cost });
-            }
-            least = least.min(cost);
-        }
-        if algorithm == Algorithm::Dijkstra || !least.is_finite() {
-            least = 0.0;
-        }
+        let range = Range::of(costs.data()).map_err(|index| {
+            let Cell { row, column } = geometry.cell(index);
+            let cost = costs.data()[index].per_metre();
+            PlannerError::NegativeCost { row, column, cost }
+        })?;
+        let bounded = algorithm != Algorithm::Dijkstra && range.least.is_finite() && !range.free;
         Ok(Self {
             costs,
             steps,
             corners,
-            least,
+            range,
+            least: if bounded { range.least } else { 0.0 },
             goal,
         })
+    }
+
+    fn ground(&self) -> Ground<'a, C> {
+        let geometry = self.costs.geometry();
+        Ground {
+            costs: self.costs.data(),
+            rows: geometry.rows(),
+            columns: geometry.columns(),
+            metres: geometry.cell_size_m(),
+            keep: self.corners == Corners::Keep && self.range.closed,
+        }
     }
 }
 
@@ -89,7 +100,7 @@ fn inside(geometry: &GridGeometry, cell: Cell) -> Result<(), GridError> {
     })
 }
 
-impl StepGraph for CostCells<'_> {
+impl<C: CellCost> StepGraph for CostCells<'_, C> {
     fn geometry(&self) -> GridGeometry {
         self.costs.geometry()
     }
@@ -105,7 +116,7 @@ impl StepGraph for CostCells<'_> {
             return f64::INFINITY;
         };
         let at = |cell: Cell| {
-            let cost = self.costs[cell];
+            let cost = self.costs[cell].per_metre();
             if cost.is_finite() { cost } else { f64::INFINITY }
         };
         let length_m = geometry.cell_size_m() * self.steps[step].length_cells();
@@ -118,7 +129,7 @@ impl StepGraph for CostCells<'_> {
         };
         let ends = at(from) + at(to);
         let Some(between) = between else {
-            return length_m * ends / 2.0;
+            return length_m / 2.0 * ends;
         };
         let [first, second] = between.map(|(rows, columns)| {
             at(Cell::new(
@@ -131,9 +142,9 @@ impl StepGraph for CostCells<'_> {
             if self.corners == Corners::Keep && !(first + second).is_finite() {
                 return f64::INFINITY;
             }
-            length_m * ends / 2.0
+            length_m / 2.0 * ends
         } else {
-            length_m * (ends + first + second) / 4.0
+            length_m / 4.0 * (ends + (first + second))
         }
     }
 
@@ -149,20 +160,62 @@ impl StepGraph for CostCells<'_> {
 
 /// A cheapest way over costs per metre; see [`CostCells::new`].
 ///
+/// Its cost is worked out in floats, and is above the least by no more than 1e-8 of it. `memory_limit_bytes` bounds what
+/// the search holds beside `costs`; `report` counts expanded cells.
+///
 /// # Errors
-/// Those of [`CostCells::new`], and [`PlannerError::Grid`] when the start lies outside.
-pub fn shortest_path(
-    costs: LayerView<f64>,
+/// Those of [`CostCells::new`], [`PlannerError::Grid`] when the start lies outside, and [`PlannerError::Memory`].
+#[allow(clippy::too_many_arguments, reason = "the options of one search")]
+pub fn shortest_path<C: CellCost>(
+    costs: LayerView<C>,
     start: Cell,
     goal: Cell,
     neighbours: u32,
     corners: Corners,
     algorithm: Algorithm,
+    memory_limit_bytes: Option<u64>,
     report: &mut Report,
 ) -> Result<Search, PlannerError> {
     let graph = CostCells::new(costs, goal, neighbours, corners, algorithm)?;
     inside(&graph.geometry(), start)?;
-    Ok(search(&graph, start, goal, report))
+    let request = Request {
+        start,
+        goal,
+        sixteen: neighbours == 16,
+        guided: algorithm == Algorithm::Auto,
+        memory_limit_bytes,
+    };
+    let ground = graph.ground();
+    if algorithm == Algorithm::AStar {
+        // A float and a bit.
+        request.require(ground.rows, ground.columns, 9)?;
+        return Ok(search(&graph, start, goal, report));
+    }
+    find(&ground, graph.range, request, report)
+}
+
+/// Costs from `start` to every cell in floats, exact but for rounding: infinite where no way leads, everywhere when the
+/// start is closed; `None` when the caller asked to stop.
+///
+/// # Errors
+/// As [`shortest_path`].
+pub fn cell_cost_field<C: CellCost>(
+    costs: LayerView<C>,
+    start: Cell,
+    neighbours: u32,
+    corners: Corners,
+    memory_limit_bytes: Option<u64>,
+    report: &mut Report,
+) -> Result<Option<Vec<f64>>, PlannerError> {
+    let graph = CostCells::new(costs, start, neighbours, corners, Algorithm::Dijkstra)?;
+    let request = Request {
+        start,
+        goal: start,
+        sixteen: neighbours == 16,
+        guided: false,
+        memory_limit_bytes,
+    };
+    field(&graph.ground(), graph.range, request, report)
 }
 
 #[cfg(test)]
@@ -206,8 +259,17 @@ mod tests {
     ) {
         for algorithm in [Algorithm::Dijkstra, Algorithm::AStar, Algorithm::Auto] {
             let (costs, start, goal) = world(rows);
-            let found =
-                shortest_path(costs.view(), start, goal, neighbours, corners, algorithm, &mut silent()).unwrap();
+            let found = shortest_path(
+                costs.view(),
+                start,
+                goal,
+                neighbours,
+                corners,
+                algorithm,
+                None,
+                &mut silent(),
+            )
+            .unwrap();
             match (found, expected) {
                 (Search::Found { cost, cells }, Some(expected)) => {
                     approx::assert_relative_eq!(cost, expected, epsilon = 1e-12);
@@ -263,7 +325,7 @@ mod tests {
             ).unwrap();
             for algorithm in [Algorithm::Dijkstra, Algorithm::AStar] {
                 let found =
-                    shortest_path(layer.view(), start, goal, neighbours, corners, algorithm, &mut silent()).unwrap();
+                    shortest_path(layer.view(), start, goal, neighbours, corners, algorithm, None, &mut silent()).unwrap();
                 match (&found, &outside) {
                     (Search::Found { cells, cost }, Some((_, best))) => {
                         prop_assert!((cost - *best as f64 / 1e9).abs() < 1e-6);
@@ -289,7 +351,7 @@ mod tests {
             closed.data_mut()[at.index(geometry.cell_count())] = f64::INFINITY;
             let cost = |layer: &Layer<f64>| {
                 match shortest_path(
-                    layer.view(), start, goal, 16, Corners::Keep, Algorithm::Auto, &mut silent(),
+                    layer.view(), start, goal, 16, Corners::Keep, Algorithm::Auto, None, &mut silent(),
                 ).unwrap() {
                     Search::Found { cost, .. } => cost,
                     _ => f64::INFINITY,
@@ -310,6 +372,7 @@ mod tests {
                 neighbours,
                 Corners::Keep,
                 Algorithm::Auto,
+                None,
                 &mut |_, _| false,
             )
         };

@@ -9,6 +9,7 @@ mod drivable;
 mod eikonal;
 mod ground;
 mod guided;
+mod kernel;
 mod lazy_astar;
 mod path_kind;
 mod plan;
@@ -34,7 +35,7 @@ use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
 pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
-pub use cells::{Algorithm, Corners, CostCells, shortest_path};
+pub use cells::{Algorithm, Corners, CostCells, cell_cost_field, shortest_path};
 pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
 pub use drivable::{
     CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, DrivenWay, Pose, drivable_path, drivable_way,
@@ -42,6 +43,7 @@ pub use drivable::{
 };
 pub use eikonal::eikonal_field;
 pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
+pub use kernel::CellCost;
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use path_kind::PathKind;
 pub use plan::{plan, plan_watched};
@@ -136,6 +138,18 @@ pub enum PlannerError {
         x_m: f64,
         /// North.
         y_m: f64,
+    },
+    /// A search that would hold more memory than allowed.
+    #[error(
+        "The search needs {needed} bytes beside the costs, more than the {limit} allowed: about {cells} cells would fit."
+    )]
+    Memory {
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        limit: u64,
+        /// Cells of a map of this shape that would fit.
+        cells: u64,
     },
     /// The caller asked to stop.
     #[error("The planner was stopped.")]

@@ -164,6 +164,7 @@ pub(super) fn disconnected(
             8,
             Corners::Cut,
             Algorithm::Dijkstra,
+            None,
             &mut silent(),
         )
     });

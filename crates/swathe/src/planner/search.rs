@@ -105,6 +105,7 @@ fn settle(
         }
         costs.settle(index);
         if Some(index) == goal {
+            report(expanded, 0);
             return Some(true);
         }
         if expanded % EXPANSIONS_PER_REPORT == 0 && !report(expanded, 0) {

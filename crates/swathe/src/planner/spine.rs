@@ -59,7 +59,16 @@ pub(super) fn spine(
     let costs = Layer::new(coarse, costs.collect(), "the coarse costs")?;
     let mut points = None;
     if let (Some(from), Some(to)) = (coarse.cell_at(start), coarse.cell_at(goal)) {
-        let search = shortest_path(costs.view(), from, to, 16, Corners::Cut, Algorithm::Auto, &mut silent())?;
+        let search = shortest_path(
+            costs.view(),
+            from,
+            to,
+            16,
+            Corners::Cut,
+            Algorithm::Auto,
+            None,
+            &mut silent(),
+        )?;
         if let Search::Found { cells, .. } = search {
             let inner = cells.iter().skip(1).take(cells.len().saturating_sub(2));
             let mut way = vec![start];

@@ -86,7 +86,7 @@ proptest! {
         }
         for neighbours in [8, 16] {
             let steps = shortest_path(
-                layer.view(), start, goal, neighbours, corners, Algorithm::Dijkstra, &mut silent(),
+                layer.view(), start, goal, neighbours, corners, Algorithm::Dijkstra, None, &mut silent(),
             ).unwrap();
             for found in &by_method[..2] {
                 match (&steps, found) {
