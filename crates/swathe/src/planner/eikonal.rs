@@ -80,12 +80,18 @@ pub(super) fn march(
     let mut queue = BinaryHeap::new();
     let from = geometry.centre(start);
     if graph.cost(start).is_finite() {
-        for near in disc(EXACT_CELLS).iter().filter_map(|step| step.from(&geometry, start)) {
-            let cost = if near == start {
-                0.0
-            } else {
-                graph.segment_cost(from, geometry.centre(near))
-            };
+        // The start comes first, even where its neighbours cost as little, so that every way down ends there.
+        field.costs[geometry.index(start)] = 0.0;
+        field.turns[geometry.index(start)] = 0;
+        if goal == Some(start) {
+            return Some(field);
+        }
+        let nearby = disc(EXACT_CELLS)
+            .iter()
+            .filter_map(|step| step.from(&geometry, start))
+            .collect::<Vec<_>>();
+        for near in nearby.into_iter().filter(|&near| near != start) {
+            let cost = graph.segment_cost(from, geometry.centre(near));
             if cost.is_finite() {
                 field.costs[geometry.index(near)] = cost;
                 queue.push(Reverse((cost.to_bits(), geometry.index(near) as u32)));
@@ -93,14 +99,14 @@ pub(super) fn march(
         }
     }
     let goal = goal.map(|goal| geometry.index(goal));
-    let mut turn: u32 = 0;
+    let mut turn: u32 = 1;
     while let Some(Reverse((bits, index))) = queue.pop() {
         let index = index as usize;
         if field.turns[index] != u32::MAX || f64::from_bits(bits) > field.costs[index] {
             continue;
         }
         field.turns[index] = turn;
-        if u64::from(turn) % CELLS_PER_REPORT == 0 && !report(u64::from(turn), 0) {
+        if u64::from(turn) % CELLS_PER_REPORT == 1 && !report(u64::from(turn), 0) {
             return None;
         }
         turn += 1;

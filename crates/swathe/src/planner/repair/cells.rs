@@ -145,9 +145,9 @@ impl StepGraph for ChangingCells {
         let length_m = self.lengths_m[step];
         match (rows.abs(), columns.abs()) {
             (1, 1) if self.corners == Corners::Keep && !(at(rows, 0) + at(0, columns)).is_finite() => f64::INFINITY,
-            (1, 2) => length_m * (ends + at(0, columns / 2) + at(rows, columns / 2)) / 4.0,
-            (2, 1) => length_m * (ends + at(rows / 2, 0) + at(rows / 2, columns)) / 4.0,
-            _ => length_m * ends / 2.0,
+            (1, 2) => length_m / 4.0 * (ends + (at(0, columns / 2) + at(rows, columns / 2))),
+            (2, 1) => length_m / 4.0 * (ends + (at(rows / 2, 0) + at(rows / 2, columns))),
+            _ => length_m / 2.0 * ends,
         }
     }
 
