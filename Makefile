@@ -37,7 +37,7 @@ define announce
 endef
 
 .PHONY: help demo test build bench fmt lock clean
-.PHONY: lint lint-rust lint-python lint-types lint-imports test-rust test-python system-packages
+.PHONY: lint lint-rust lint-python lint-types lint-imports test-rust test-python system-packages bench-packages
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-16s %s\n", $$1, $$2}'
@@ -82,7 +82,7 @@ test-python: build system-packages ## the Python tests
 	$(call announce,pytest)
 	@$(BIN)/python -m pytest -n 2
 
-bench: build ## measure against named peers, write benchmarks/RESULTS.md (make bench ONLY="rank route-1000")
+bench: build bench-packages $(VENV)/.peers ## measure against named peers, write benchmarks/RESULTS.md (make bench ONLY="rank route-1000")
 	$(call announce,benchmarks)
 	@$(BIN)/python benchmarks/run.py $(ONLY)
 
@@ -106,10 +106,20 @@ system-packages: ## install what some tests compare with (apt; only when missing
 		printf 'Tests that need them are skipped. To install them: sudo apt-get install --no-install-recommends %s\n' "$${packages[*]}"; \
 	fi
 
+# Programs that only benchmarks compare with.
+bench-packages:
+	@if command -v grass >/dev/null; then exit 0; fi; \
+	if [ "$$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends grass-core; \
+	else \
+		printf 'Benchmarks against GRASS fail without it. To install it: sudo apt-get install --no-install-recommends grass-core\n'; \
+	fi
+
 lock: $(BIN)/uv ## write requirements/ anew from pyproject.toml (UPGRADE=--upgrade for the newest versions)
 	$(call announce,requirements/)
 	@$(UV_LOCK) $(UPGRADE) pyproject.toml --group dev --output-file requirements/dev.txt
 	@$(UV_LOCK) pyproject.toml --constraints requirements/dev.txt --output-file requirements/runtime.txt
+	@$(UV_LOCK) $(UPGRADE) --group bench --constraints requirements/dev.txt --output-file requirements/bench.txt
 	@echo uv | $(UV_LOCK) - --constraints requirements/dev.txt --output-file requirements/uv.txt
 
 clean: ## remove everything that can be made again
@@ -131,6 +141,11 @@ $(BIN)/uv: | $(BIN)/python
 $(VENV)/.synced: requirements/dev.txt $(BIN)/uv
 	$(call announce,uv pip sync requirements/dev.txt)
 	@$(BIN)/uv pip sync --quiet --require-hashes --compile-bytecode requirements/dev.txt
+	@touch $@
+
+$(VENV)/.peers: requirements/bench.txt $(VENV)/.synced
+	$(call announce,uv pip install requirements/bench.txt)
+	@$(BIN)/uv pip install --quiet --require-hashes --compile-bytecode -r requirements/bench.txt
 	@touch $@
 
 $(VENV)/.built: $(VENV)/.synced $(RUST_SOURCES)

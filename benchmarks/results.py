@@ -29,6 +29,12 @@ def disagreements(samples: dict[str, list[dict[str, Any]]], relative: float | No
     ]
 
 
+def dearer(samples: dict[str, list[dict[str, Any]]]) -> list[str]:
+    """Return a sentence when our path costs more than the peer's, beyond rounding."""
+    ours, peer = ([sample["facts"]["cost"] for sample in samples[side]] for side in ("ours", "peer"))
+    return [f"ours costs more: {max(ours)!r}, the peer's {min(peer)!r}"] if max(ours) > min(peer) * (1 + 1e-6) else []
+
+
 def cpu_ratio(record: dict[str, Any]) -> float | None:
     """Return median CPU seconds of the peer over ours, None when a side has no samples or took no time."""
     ours, peer = (_median(record, side, "cpu_s") for side in ("ours", "peer"))
@@ -46,7 +52,9 @@ def table(runs: Path) -> str:
         "# Results",
         "",
         "Written by `make bench`; [README.md](README.md) tells how it is measured. The ratio is the peer's median CPU",
-        "seconds over ours.",
+        "seconds over ours. Memory is counted above what was held before the job, inputs not counted.",
+        "",
+        "![Ratios of CPU seconds, peers over ours](results.png)",
         "",
         HEADING,
         RULE,
@@ -78,8 +86,8 @@ def _row(record: dict[str, Any]) -> str:
         _number(_median(record, "ours", "cpu_s"), 4),
         _number(_median(record, "peer", "cpu_s"), 4),
         "failed" if record["errors"] or ratio is None else f"**{ratio:.2f}**",
-        f"{record['must']:g}",
-        f"{record['goal']:g}",
+        f"{record['must']:.3g}",
+        f"{record['goal']:.3g}",
         *(_number(_median(record, side, "peak_bytes"), 1, 1e-6) for side in ("ours", "peer")),
     ]
     return "| " + " | ".join(cells) + " |"

@@ -2,12 +2,14 @@
 
     python benchmarks/run.py [NAME ...] [--rounds N] [--list]
 
-Writes runs/<time>.json and RESULTS.md beside this file. Exits with 1 when a job failed or results disagree.
+Writes runs/<time>.json, RESULTS.md and results.png beside this file. Exits with 1 when a job failed or
+results disagree.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import platform
@@ -20,9 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import harness
+import plot
 import results
 
-LIBRARIES = ("swathe", "numpy", "scipy", "scikit-image")
+LIBRARIES = ("swathe", "numpy", "scipy", "scikit-image", "dijkstra3d", "xarray-spatial")
 
 
 def main(arguments: list[str]) -> int:
@@ -52,6 +55,7 @@ def main(arguments: list[str]) -> int:
     path = runs / f"{started:%Y-%m-%dT%H%M%SZ}.json"
     write_text(path, json.dumps(run, indent=1) + "\n")
     write_text(harness.FOLDER / "RESULTS.md", results.table(runs))
+    plot.draw(runs, harness.FOLDER / "results.png")
     print(f"\n{path.relative_to(harness.FOLDER.parent)}\n{results.table_of_run(run)}")
     return 1 if any(record["errors"] for record in records) else 0
 
@@ -74,6 +78,8 @@ def run_benchmark(benchmark: harness.Benchmark, rounds: int) -> dict[str, Any]:
             break
     if not errors:
         errors += results.disagreements(samples, benchmark.agree_relative)
+    if not errors and benchmark.no_dearer:
+        errors += results.dearer(samples)
     for error in errors:
         print(f"{benchmark.name}: {error}", file=sys.stderr)
     return {
@@ -99,8 +105,20 @@ def surroundings(arguments: list[str]) -> dict[str, Any]:
             "kernel": f"{platform.system()} {platform.release()}",
             "load_average": os.getloadavg()[0],
         },
-        "versions": {"python": platform.python_version()} | {name: metadata.version(name) for name in LIBRARIES},
+        "versions": {"python": platform.python_version()} | versions(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries and programs that are measured, as far as they are installed."""
+    found = {}
+    for name in LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    if (grass := shutil.which("grass")) is not None:
+        asked = subprocess.run([grass, "--config", "version"], capture_output=True, text=True, check=False)
+        found["grass"] = asked.stdout.strip()
+    return found
 
 
 def commit() -> str:

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 import bench_route
+import bench_route_peers
+import grass_peer
 import harness
+import plot
 import results
 import terrain_fields
 
@@ -82,6 +85,34 @@ def test_the_table_shows_the_newest_figures_of_each_job_and_marks_what_failed(tm
     assert "| route | 0.5000 | 2.0000 | **4.00** | 8 | 12 | 2.0 | - |" in text
     assert "| rank | 0.5000 | 2.0000 | failed |" in text
     assert "- rank: results disagree on cost" in text
+
+
+@pytest.mark.parametrize(("ours", "peer", "count"), [(1.0, 1.0, 0), (0.9, 1.0, 0), (1.0 + 1e-9, 1.0, 0), (1.1, 1.0, 1)])
+def test_a_dearer_path_than_the_peers_is_said(ours: float, peer: float, count: int) -> None:
+    samples = {"ours": [sample(1, facts={"cost": ours})], "peer": [sample(1, facts={"cost": peer})]}
+    assert len(results.dearer(samples)) == count
+
+
+def test_the_picture_shows_every_job_that_did_not_fail(tmp_path: Path) -> None:
+    picture = tmp_path / "results.png"
+    plot.draw(tmp_path, picture)
+    assert not picture.exists()
+    (tmp_path / "1.json").write_text(run_file("route", 0.5), encoding="utf-8")
+    plot.draw(tmp_path, picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_peers_agree_with_each_other_on_the_cost() -> None:
+    field = bench_route_peers.costs(90)
+    truth = bench_route_peers.facts(field, bench_route_peers.route_of_scipy(field))
+    assert bench_route_peers.facts_of_ours(field, bench_route_peers.route_of_ours(field)) == pytest.approx(truth)
+
+
+def test_a_path_that_grass_writes_becomes_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    location = object.__new__(grass_peer.Location)
+    monkeypatch.setattr(location, "_region", lambda: {"n": 30.0, "w": 500.0, "nsres": 10.0, "ewres": 10.0})
+    text = ["VERTI:", "L  3 1", " 525  5", " 515.5 15", " 505 25", " 1     1"]
+    assert location._cells(text).tolist() == [[0, 0], [1, 1], [2, 2]]
 
 
 def test_the_cost_of_a_path_is_metres_times_the_mean_of_both_cells() -> None:
