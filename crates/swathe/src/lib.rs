@@ -12,11 +12,13 @@
 
 pub mod corridor;
 pub mod grid;
+pub mod local;
 pub mod nest;
 pub mod planner;
 pub mod progress;
 pub mod random;
 pub mod rank;
+pub mod sensor;
 pub mod soil;
 pub mod swarm;
 pub mod terrain;

@@ -1,0 +1,615 @@
+//! VFH+ of Ulrich and Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998, 1572-1577. Symbols
+//! are the paper's.
+//!
+//! The work of an update does not depend on what the window holds: the magnitudes are integers (b = 1, so that
+//! `a = 1 + ((w_s - 1) / 2)²` is one, too), and every cell adds its magnitude where its enlarged sector range begins and takes
+//! it away where the range ends, so that one running sum gives all densities exactly.
+
+use std::f64::consts::{PI, TAU};
+
+use crate::sensor::wrap;
+
+use super::polar::{Cells, PolarHistogram, Steering, direction_of, openings, sector_gap, sector_of};
+
+/// Tables kept for different enlargements.
+const MOST_TABLES: usize = 24;
+
+/// Width of the obstacle that sets the threshold, in metres.
+const OBSTACLE_M: f64 = 0.3;
+
+/// What happens when an obstacle lies within robot radius and safety distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TooClose {
+    /// Every direction is closed (the paper).
+    Stop,
+    /// Directions that lead nearer to it are closed, those that lead away stay open.
+    TurnAway,
+}
+
+/// The paper's parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VfhPlusParams {
+    /// `w_s`: diameter of the active window in cells, odd.
+    pub window_cells: usize,
+    /// Side of a cell in metres.
+    pub cell_size_m: f64,
+    /// n: number of sectors; the paper's α of 5 degrees gives 72.
+    pub sectors: usize,
+    /// `τ_high`; `None` asks what an obstacle 0.3 m wide gives at the body's reaction distance.
+    pub tau_high: Option<f32>,
+    /// `τ_low` as a share of `τ_high`; between them a sector stays what it was.
+    pub tau_low_share: f32,
+    /// `s_max`: sectors from which on an opening is wide.
+    pub s_max: usize,
+    /// `μ_1`, `μ_2`, `μ_3`: weights of the gap to target, heading and the direction chosen before.
+    pub mu: [f64; 3],
+    /// Certainty from which on a cell counts as an obstacle for the turning circle and for being too close.
+    pub sure: u8,
+    /// What happens when an obstacle is too close.
+    pub too_close: TooClose,
+}
+
+impl Default for VfhPlusParams {
+    fn default() -> Self {
+        Self {
+            window_cells: 61,
+            cell_size_m: 0.1,
+            sectors: 72,
+            tau_high: None,
+            tau_low_share: 0.6,
+            s_max: 16,
+            mu: [5.0, 2.0, 2.0],
+            sure: 6,
+            too_close: TooClose::Stop,
+        }
+    }
+}
+
+/// What the method must know of the robot at its present speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Body {
+    /// `r_r + d_s`: robot radius and safety distance in metres.
+    pub enlarged_m: f64,
+    /// `r_L` and `r_R`: least radius of a turn to the left and to the right in metres, 0 for a robot that turns in place.
+    pub turn_radius_m: [f64; 2],
+    /// Distance at which an obstacle 0.3 m wide must block, in metres.
+    pub reaction_m: f64,
+}
+
+/// Where the enlarged cells begin and end, for one enlargement.
+#[derive(Clone, Debug)]
+struct Table {
+    enlarged_m: f64,
+    /// Cells by the bucket in which their range begins, and where each bucket starts.
+    begins: Buckets,
+    /// The same for the bucket after the range.
+    ends: Buckets,
+    /// Cells nearer than the enlargement.
+    near: Vec<u16>,
+}
+
+/// Cells in groups.
+#[derive(Clone, Debug)]
+struct Buckets {
+    cells: Vec<u16>,
+    starts: Vec<u32>,
+}
+
+impl Buckets {
+    fn of(count: usize, mut pairs: Vec<(u32, u16)>) -> Self {
+        pairs.sort_unstable();
+        let starts = (0..=count).map(|bucket| pairs.partition_point(|pair| (pair.0 as usize) < bucket) as u32);
+        Self {
+            starts: starts.collect(),
+            cells: pairs.into_iter().map(|pair| pair.1).collect(),
+        }
+    }
+
+    fn sum(&self, bucket: usize, magnitudes: &[i32]) -> i64 {
+        let cells = &self.cells[self.starts[bucket] as usize..self.starts[bucket + 1] as usize];
+        cells.iter().map(|&cell| i64::from(magnitudes[usize::from(cell)])).sum()
+    }
+}
+
+/// The method with its tables and its memory of the last step.
+#[derive(Clone, Debug)]
+pub struct VfhPlus {
+    params: VfhPlusParams,
+    cells: Cells,
+    /// East and north of every cell in cells, for the turning circles; their directions.
+    east: Vec<f32>,
+    north: Vec<f32>,
+    beta: Vec<f32>,
+    /// a - b d² of every cell; 0 outside the circle and in the middle.
+    weights: Vec<i32>,
+    tables: Vec<Table>,
+    magnitudes: Vec<i32>,
+    polar: PolarHistogram,
+    tau_high: f32,
+    previous_rad: Option<f64>,
+}
+
+impl VfhPlus {
+    /// Tables for some parameters. The window is made odd and at most 255 cells wide, sectors lie between 4 and 3600.
+    pub fn new(params: VfhPlusParams) -> Self {
+        let params = VfhPlusParams {
+            window_cells: params.window_cells.clamp(3, 255) | 1,
+            sectors: params.sectors.clamp(4, 3600),
+            ..params
+        };
+        let cells = Cells::new(params.window_cells);
+        let a = cells.radius_cells() * cells.radius_cells() + 1.0;
+        let weight = |&d: &f64| {
+            if d == 0.0 {
+                0
+            } else {
+                (a - d * d).round().max(0.0) as i32
+            }
+        };
+        let along = |part: fn(f64) -> f64| {
+            let places = cells.beta_rad.iter().zip(&cells.from_middle);
+            places.map(|(&beta, &d)| (d * part(beta)) as f32).collect()
+        };
+        Self {
+            east: along(f64::cos),
+            north: along(f64::sin),
+            beta: cells.beta_rad.iter().map(|&beta| beta as f32).collect(),
+            weights: cells.from_middle.iter().map(weight).collect(),
+            tables: Vec::new(),
+            magnitudes: vec![0; cells.side * cells.side],
+            polar: PolarHistogram {
+                density: vec![0.0; params.sectors],
+                blocked: vec![false; params.sectors],
+                masked: vec![false; params.sectors],
+            },
+            tau_high: 0.0,
+            previous_rad: None,
+            cells,
+            params,
+        }
+    }
+
+    /// Parameters in use.
+    pub fn params(&self) -> &VfhPlusParams {
+        &self.params
+    }
+
+    /// Densities and openings of the last step.
+    pub fn histogram(&self) -> &PolarHistogram {
+        &self.polar
+    }
+
+    /// `τ_high` of the last step.
+    pub fn tau_high(&self) -> f32 {
+        self.tau_high
+    }
+
+    /// Forgets the last step: its direction and which sectors it blocked.
+    pub fn forget(&mut self) {
+        self.previous_rad = None;
+        self.polar.blocked.fill(false);
+    }
+
+    /// Direction chosen in the last step.
+    pub fn previous_rad(&self) -> Option<f64> {
+        self.previous_rad
+    }
+
+    /// Sets the direction that counts as chosen in the last step.
+    pub fn set_previous(&mut self, direction_rad: Option<f64>) {
+        self.previous_rad = direction_rad;
+    }
+
+    /// Chooses a direction. `costs`, one per sector, are added to the candidates' (in units of μ times sectors).
+    pub fn steer(
+        &mut self,
+        window: &[u8],
+        heading_rad: f64,
+        target_rad: f64,
+        body: &Body,
+        costs: Option<&[f32]>,
+    ) -> Steering {
+        self.update(window, heading_rad, body);
+        let n = self.params.sectors;
+        let [mu_1, mu_2, mu_3] = self.params.mu;
+        let previous_rad = self.previous_rad.unwrap_or(heading_rad);
+        let cost = |c: f64| {
+            mu_1 * sector_gap(c, target_rad, n)
+                + mu_2 * sector_gap(c, heading_rad, n)
+                + mu_3 * sector_gap(c, previous_rad, n)
+                + costs.map_or(0.0, |costs| f64::from(costs[sector_of(c, n)]))
+        };
+        let best = self
+            .candidates(target_rad)
+            .into_iter()
+            .min_by(|a, b| cost(a.0).total_cmp(&cost(b.0)));
+        let steering = best.map_or(Steering::CLOSED, |(direction_rad, width_rad)| Steering {
+            direction_rad: Some(direction_rad),
+            crowding: self.crowding(direction_rad),
+            width_rad,
+        });
+        self.previous_rad = steering.direction_rad;
+        steering
+    }
+
+    /// Density in a direction over the density that blocks, at most 1.
+    pub fn crowding(&self, direction_rad: f64) -> f64 {
+        let density = self.polar.density[sector_of(direction_rad, self.params.sectors)];
+        f64::from(density / self.tau_high.max(f32::MIN_POSITIVE)).min(1.0)
+    }
+
+    /// The candidate directions of every opening (stage 4), with the width of the opening.
+    pub fn candidates(&self, target_rad: f64) -> Vec<(f64, f64)> {
+        let n = self.params.sectors;
+        let sector_rad = TAU / n as f64;
+        let mut found = Vec::new();
+        for opening in openings(&self.polar.masked) {
+            let width_rad = opening.width as f64 * sector_rad;
+            if opening.width == n {
+                found.push((wrap(target_rad), width_rad));
+                continue;
+            }
+            let (right, last) = (opening.right as f64, opening.width as f64 - 1.0);
+            if opening.width < self.params.s_max {
+                found.push((direction_of(right + last / 2.0, n), width_rad));
+                continue;
+            }
+            let inwards = self.params.s_max as f64 / 2.0;
+            found.push((direction_of(right + inwards, n), width_rad));
+            found.push((direction_of(right + last - inwards, n), width_rad));
+            // The target itself, when it lies between these two.
+            let place = (target_rad / sector_rad - right).rem_euclid(n as f64);
+            if (inwards..=last - inwards).contains(&place) {
+                found.push((wrap(target_rad), width_rad));
+            }
+        }
+        found
+    }
+
+    /// Stages 1 to 3: primary, binary and masked histogram of a window.
+    pub fn update(&mut self, window: &[u8], heading_rad: f64, body: &Body) {
+        let n = self.params.sectors;
+        let table = self.table(body.enlarged_m);
+        for ((m, &c), &weight) in self.magnitudes.iter_mut().zip(window).zip(&self.weights) {
+            *m = i32::from(c) * i32::from(c) * weight;
+        }
+        let table = &self.tables[table];
+        // Ranges may begin up to a turn before sector 0 and end up to a turn after the last: three turns of buckets.
+        let mut running = 0i64;
+        self.polar.density.fill(0.0);
+        for turn in 0..3 {
+            for (k, density) in self.polar.density.iter_mut().enumerate() {
+                let bucket = turn * n + k;
+                running += table.begins.sum(bucket, &self.magnitudes) - table.ends.sum(bucket, &self.magnitudes);
+                *density += running as f32;
+            }
+        }
+        let a = self.cells.radius_cells() * self.cells.radius_cells() + 1.0;
+        self.tau_high = self.params.tau_high.unwrap_or_else(|| {
+            let d = body.reaction_m / self.params.cell_size_m;
+            let across = (OBSTACLE_M / self.params.cell_size_m).round().max(1.0);
+            let certain = f64::from(super::CERTAINTY_MAX);
+            (across * certain * certain * (a - d * d).max(1.0)) as f32
+        });
+        let tau_low = self.tau_high * self.params.tau_low_share;
+        let polar = &mut self.polar;
+        for ((blocked, &density), masked) in polar.blocked.iter_mut().zip(&polar.density).zip(&mut polar.masked) {
+            *blocked = density > self.tau_high || (*blocked && density >= tau_low);
+            *masked = *blocked;
+        }
+        self.mask_turns(window, heading_rad, body);
+        self.mask_near(window, body);
+    }
+
+    /// Stage 3: sectors that lie beyond an obstacle inside the turning circle are masked.
+    #[allow(clippy::needless_bitwise_bool, reason = "no branches: the loop becomes vector code")]
+    fn mask_turns(&mut self, window: &[u8], heading_rad: f64, body: &Body) {
+        let [r_left, r_right] = body.turn_radius_m;
+        if r_left <= 0.0 && r_right <= 0.0 {
+            return;
+        }
+        let size = self.params.cell_size_m;
+        let (sin, cos) = heading_rad.sin_cos();
+        let heading = heading_rad.rem_euclid(TAU) as f32;
+        let centre = |r: f64, side: f64| ((-side * r * sin / size) as f32, (side * r * cos / size) as f32);
+        let (left, right) = (centre(r_left, 1.0), centre(r_right, -1.0));
+        let reach = |r: f64| {
+            let reach = ((r + body.enlarged_m) / size) as f32;
+            reach * reach
+        };
+        let (reach_left, reach_right) = (reach(r_left), reach(r_right));
+        let (mut phi_left, mut phi_right) = (std::f32::consts::PI, -std::f32::consts::PI);
+        let places = self.east.iter().zip(&self.north).zip(&self.beta).zip(&self.weights);
+        for ((((&x, &y), &beta), &weight), &c) in places.zip(window) {
+            let ahead = beta - heading;
+            let ahead = ahead
+                - if ahead > std::f32::consts::PI {
+                    std::f32::consts::TAU
+                } else {
+                    0.0
+                };
+            let ahead = ahead
+                + if ahead < -std::f32::consts::PI {
+                    std::f32::consts::TAU
+                } else {
+                    0.0
+                };
+            let counts = (weight > 0) & (c >= self.params.sure);
+            let inside = |centre: (f32, f32), reach: f32| {
+                let (dx, dy) = (x - centre.0, y - centre.1);
+                dx * dx + dy * dy < reach
+            };
+            if counts & (ahead >= 0.0) & (ahead < phi_left) & inside(left, reach_left) {
+                phi_left = ahead;
+            }
+            if counts & (ahead < 0.0) & (ahead > phi_right) & inside(right, reach_right) {
+                phi_right = ahead;
+            }
+        }
+        let n = self.params.sectors;
+        for (k, masked) in self.polar.masked.iter_mut().enumerate() {
+            let ahead = wrap(direction_of(k as f64, n) - heading_rad) as f32;
+            *masked |= ahead > phi_left || ahead < phi_right;
+        }
+    }
+
+    /// An obstacle nearer than the enlargement closes everything, or all that leads nearer to it.
+    fn mask_near(&mut self, window: &[u8], body: &Body) {
+        let index = self.table(body.enlarged_m);
+        let near = &self.tables[index].near;
+        let n = self.params.sectors;
+        for &cell in near {
+            let cell = usize::from(cell);
+            if window[cell] < self.params.sure {
+                continue;
+            }
+            if self.params.too_close == TooClose::Stop || self.cells.from_middle[cell] == 0.0 {
+                self.polar.masked.fill(true);
+                return;
+            }
+            let beta = self.cells.beta_rad[cell];
+            for (k, masked) in self.polar.masked.iter_mut().enumerate() {
+                *masked |= wrap(direction_of(k as f64, n) - beta).abs() < PI / 2.0;
+            }
+        }
+    }
+
+    /// The table of an enlargement, made when it is first asked for.
+    fn table(&mut self, enlarged_m: f64) -> usize {
+        // Steps of a tenth of a cell are finer than the window.
+        let step = self.params.cell_size_m / 10.0;
+        let enlarged_m = (enlarged_m / step).ceil().max(0.0) * step;
+        if let Some(found) = self.tables.iter().position(|table| table.enlarged_m == enlarged_m) {
+            return found;
+        }
+        if self.tables.len() == MOST_TABLES {
+            self.tables.remove(0);
+        }
+        let n = self.params.sectors;
+        let per_rad = n as f64 / TAU;
+        let r = enlarged_m / self.params.cell_size_m;
+        let (mut begins, mut ends, mut near) = (Vec::new(), Vec::new(), Vec::new());
+        for (cell, &weight) in self.weights.iter().enumerate() {
+            let d = self.cells.from_middle[cell];
+            if d <= r {
+                near.push(cell as u16);
+            }
+            if weight == 0 || d <= r {
+                continue;
+            }
+            let (beta, gamma) = (self.cells.beta_rad[cell], (r / d).asin());
+            // A cell that falls between two sectors counts for the nearest.
+            let middle = beta * per_rad;
+            let low = ((beta - gamma) * per_rad).ceil().min(middle.round());
+            let high = ((beta + gamma) * per_rad).floor().max(middle.round());
+            let shift = n as f64;
+            begins.push(((low + shift) as u32, cell as u16));
+            ends.push(((high + 1.0 + shift) as u32, cell as u16));
+        }
+        self.tables.push(Table {
+            enlarged_m,
+            begins: Buckets::of(3 * n, begins),
+            ends: Buckets::of(3 * n, ends),
+            near,
+        });
+        self.tables.len() - 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::local::CERTAINTY_MAX;
+    use proptest::prelude::*;
+    use std::f64::consts::FRAC_PI_2;
+
+    const BODY: Body = Body {
+        enlarged_m: 0.4,
+        turn_radius_m: [0.0, 0.0],
+        reaction_m: 1.5,
+    };
+
+    /// A window drawn as text, one character a cell, '#' certain, the robot in the middle; enlarged to 61 cells.
+    fn window(rows: &[&str]) -> Vec<u8> {
+        let mut cells = vec![0; 61 * 61];
+        let (down, right) = (30 - rows.len() / 2, 30 - rows[0].len() / 2);
+        for (r, row) in rows.iter().enumerate() {
+            for (c, byte) in row.bytes().enumerate() {
+                if byte == b'#' {
+                    cells[(down + r) * 61 + right + c] = CERTAINTY_MAX;
+                }
+            }
+        }
+        cells
+    }
+
+    fn degrees(steering: Steering) -> f64 {
+        steering.direction_rad.map_or(f64::NAN, f64::to_degrees)
+    }
+
+    /// The paper's first stage cell by cell and sector by sector.
+    fn slow_density(vfh: &VfhPlus, window: &[u8], r_cells: f64, slack_rad: f64) -> Vec<f64> {
+        let n = vfh.params.sectors;
+        let side = vfh.params.window_cells;
+        let half = (side / 2) as f64;
+        let mut density = vec![0.0; n];
+        for (index, &c) in window.iter().enumerate() {
+            let (x, y) = ((index % side) as f64 - half, half - (index / side) as f64);
+            let d = x.hypot(y);
+            let m = f64::from(c) * f64::from(c) * (1.0 + half * half - d * d).round();
+            if d <= r_cells || m <= 0.0 {
+                continue;
+            }
+            let (beta, gamma) = (y.atan2(x), (r_cells / d).asin());
+            for (k, density) in density.iter_mut().enumerate() {
+                if wrap(direction_of(k as f64, n) - beta).abs() <= gamma + slack_rad {
+                    *density += m;
+                }
+            }
+        }
+        density
+    }
+
+    proptest! {
+        #[test]
+        fn the_running_sum_gives_the_papers_densities(
+            seed: u64, share in 0.0f64..1.0, enlarged in 0.26f64..0.9, heading in -PI..PI,
+        ) {
+            let draw = |i: u32| crate::random::philox([i, 0, 0, 0], seed);
+            let cells: Vec<u8> = (0..61 * 61).map(|i| {
+                let words = draw(i);
+                if crate::random::unit(words[0]) < share { crate::random::below(words[1], 16) as u8 } else { 0 }
+            }).collect();
+            let mut vfh = VfhPlus::new(VfhPlusParams::default());
+            vfh.update(&cells, heading, &Body { enlarged_m: enlarged, ..BODY });
+            // Where a range ends exactly on a sector, rounding decides whether that sector counts.
+            let slow = |slack_rad| slow_density(&vfh, &cells, vfh.tables[0].enlarged_m / 0.1, slack_rad);
+            for ((&fast, least), most) in vfh.polar.density.iter().zip(slow(-1e-9)).zip(slow(1e-9)) {
+                let fast = f64::from(fast);
+                prop_assert!(fast >= least * (1.0 - 1e-6) && fast <= most * (1.0 + 1e-6), "{fast} {least} {most}");
+            }
+            // Free space is exactly free.
+            let free = vec![0; 61 * 61];
+            vfh.update(&free, heading, &BODY);
+            prop_assert!(vfh.polar.density.iter().all(|&density| density == 0.0));
+        }
+
+        #[test]
+        fn what_is_chosen_is_open(seed: u64, share in 0.0f64..0.1, heading in -PI..PI, target in -PI..PI, car: bool) {
+            let draw = |i: u32| crate::random::unit(crate::random::philox([i, 0, 0, 0], seed)[0]);
+            let cells: Vec<u8> = (0..61 * 61).map(|i| if draw(i) < share { CERTAINTY_MAX } else { 0 }).collect();
+            let mut vfh = VfhPlus::new(VfhPlusParams { too_close: TooClose::TurnAway, ..VfhPlusParams::default() });
+            let body = Body { turn_radius_m: if car { [0.8, 0.8] } else { [0.0; 2] }, ..BODY };
+            let steering = vfh.steer(&cells, heading, target, &body, None);
+            if let Some(direction) = steering.direction_rad {
+                prop_assert!(direction > -PI && direction <= PI);
+                let sector = sector_of(direction, 72);
+                // A target between two sectors may round to the one at the opening's edge, never to a blocked one.
+                prop_assert!(!vfh.polar.masked[sector]);
+            } else {
+                prop_assert!(vfh.polar.masked.iter().all(|&masked| masked));
+            }
+        }
+    }
+
+    #[test]
+    fn free_space_leads_to_the_target() {
+        let mut vfh = VfhPlus::new(VfhPlusParams::default());
+        let steering = vfh.steer(&window(&["."]), 0.0, 0.3, &BODY, None);
+        assert_eq!(steering.direction_rad, Some(0.3));
+        assert_eq!(steering.crowding, 0.0);
+    }
+
+    #[test]
+    fn a_wall_ahead_is_passed_on_the_side_of_the_target() {
+        // The wall stands 1 m to the east, from 1 m south to 1 m north.
+        let mut rows = vec!["....................#"; 21];
+        rows[10] = "....................#";
+        let steer = |target: f64| {
+            let mut vfh = VfhPlus::new(VfhPlusParams::default());
+            degrees(vfh.steer(&window(&rows), 0.0, target.to_radians(), &BODY, None))
+        };
+        assert!(steer(20.0) > 60.0, "{}", steer(20.0));
+        assert!(steer(-20.0) < -60.0, "{}", steer(-20.0));
+    }
+
+    #[test]
+    fn the_wider_the_robot_the_wider_the_gap_it_needs() {
+        // Two posts to the east with a gap of 0.9 m between them, in a long wall 1.5 m away.
+        let mut rows = vec!["...............................#"; 41];
+        for row in &mut rows[16..25] {
+            *row = "................................";
+        }
+        let through = |enlarged_m: f64| {
+            let mut vfh = VfhPlus::new(VfhPlusParams::default());
+            let body = Body { enlarged_m, ..BODY };
+            degrees(vfh.steer(&window(&rows), 0.0, 0.0, &body, None)).abs() < 10.0
+        };
+        assert!(through(0.2));
+        assert!(!through(0.75));
+    }
+
+    #[test]
+    fn between_the_thresholds_a_sector_stays_what_it_was() {
+        let mut vfh = VfhPlus::new(VfhPlusParams {
+            tau_high: Some(1.0e5),
+            ..VfhPlusParams::default()
+        });
+        let blocked = |vfh: &mut VfhPlus, certainty: u8| {
+            let mut cells = window(&["."]);
+            cells[30 * 61 + 45] = certainty;
+            vfh.update(&cells, 0.0, &BODY);
+            vfh.polar.blocked[0]
+        };
+        // 15 cells away: weight 676; certainty 11 gives 82 000, between 60 000 and 100 000.
+        assert!(!blocked(&mut vfh, 11));
+        assert!(blocked(&mut vfh, 15));
+        assert!(blocked(&mut vfh, 11));
+        assert!(!blocked(&mut vfh, 8));
+        assert!(!blocked(&mut vfh, 11));
+    }
+
+    #[test]
+    fn a_car_cannot_turn_into_what_its_turning_circle_hits() {
+        // An obstacle to the left, 0.7 m away: a car that turns left would touch it, a robot that turns in place would not.
+        let mut cells = window(&["."]);
+        for right in 28..33 {
+            cells[23 * 61 + right] = CERTAINTY_MAX;
+        }
+        let direction = |turn_radius_m: f64| {
+            let mut vfh = VfhPlus::new(VfhPlusParams::default());
+            let body = Body {
+                turn_radius_m: [turn_radius_m; 2],
+                ..BODY
+            };
+            degrees(vfh.steer(&cells, 0.0, 170f64.to_radians(), &body, None))
+        };
+        assert!(direction(0.0) > 140.0, "{}", direction(0.0));
+        assert!(direction(1.0) < 90.0, "{}", direction(1.0));
+    }
+
+    #[test]
+    fn too_close_stops_or_turns_away() {
+        let mut cells = window(&["."]);
+        cells[30 * 61 + 33] = CERTAINTY_MAX;
+        let steer = |too_close| {
+            let params = VfhPlusParams {
+                too_close,
+                ..VfhPlusParams::default()
+            };
+            VfhPlus::new(params).steer(&cells, 0.0, 0.0, &BODY, None).direction_rad
+        };
+        assert_eq!(steer(TooClose::Stop), None);
+        assert!(steer(TooClose::TurnAway).is_some_and(|direction| direction.abs() >= FRAC_PI_2));
+    }
+
+    #[test]
+    fn costs_of_the_ground_change_the_choice() {
+        let mut rows = vec!["....................#"; 21];
+        rows[10] = "....................#";
+        let ground: Vec<f32> = (0..72).map(|k| if k < 36 { 500.0 } else { 0.0 }).collect();
+        let mut vfh = VfhPlus::new(VfhPlusParams::default());
+        let steering = vfh.steer(&window(&rows), 0.0, 20f64.to_radians(), &BODY, Some(&ground));
+        assert!(degrees(steering) < -60.0);
+    }
+}
