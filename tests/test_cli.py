@@ -517,3 +517,53 @@ def test_a_disk_that_may_not_be_written_is_refused(
     assert finished.code == 4
     assert finished.answer["kind"] == "output"
     assert "Read-only file system" in finished.answer["message"]
+
+
+def test_a_plan_saves_what_the_objective_says_and_follows_a_cost_raster(here: Path, dem: Path) -> None:
+    quick = commands.run(*way(dem, "--json", "--vehicle", "tractor")).answer
+    energy = commands.run(*way(dem, "--json", "--vehicle", "tractor", "--objective", "energy")).answer
+    assert "\n  objective risk: cost " in commands.run(*way(dem, "--objective", "risk")).out
+    assert (quick["objective"], energy["objective"]) == ("time", "energy")
+    assert quick["cost"] == pytest.approx(quick["duration_s"], rel=1e-9)
+    power_w = energy["vehicle_figures"]["power_w"]["value"]
+    assert energy["cost"] == pytest.approx(energy["energy_j"] / power_w, rel=1e-9)
+    assert energy["energy_j"] <= quick["energy_j"]
+    assert energy["cost_lower_bound"] <= energy["cost"]
+    assert "Objective" in (here / "swathe-plan/report.html").read_text()
+    cost = np.full((80, 90), 3.0, dtype=np.float32)
+    cost[0, :5] = np.nan
+    raster = raster_files.write(here / "cost.tif", cost)
+    dear = commands.run(*way(dem, "--json", "--vehicle", "tractor", "--cost-raster", str(raster))).answer
+    assert dear["cost"] == pytest.approx(3 * quick["cost"], rel=1e-6)
+    assert [given["name"] for given in dear["inputs"]] == [*(given["name"] for given in quick["inputs"]), "cost.tif"]
+    assert any("multiplied by 3 to 3" in note and "0.1 %" in note for note in dear["notes"])
+    legs = json.loads((here / "swathe-plan/route.geojson").read_text())["features"]
+    assert sum(leg["properties"]["risk_s"] for leg in legs) == pytest.approx(dear["risk_s"], abs=0.01 * len(legs))
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--objective", "fast"), "'fast'"),
+        (("--objective", "time=0"), "time or energy"),
+        (("--objective", "time=nan"), "NaN"),
+        (("--cost-raster", "nowhere.tif"), "nowhere.tif"),
+        (("--cost-raster", "away.tif"), "outside the map"),
+        (("--cost-raster", "negative.tif"), "negative"),
+        (("--cost-raster", "closed.tif"), "every cell"),
+        (("--cost-raster", "local.tif"), "no coordinate reference system"),
+    ],
+)
+def test_an_objective_or_cost_raster_that_is_none_is_refused(
+    here: Path, dem: Path, options: tuple[str, str], text: str
+) -> None:
+    ones = np.ones((80, 90), dtype=np.float32)
+    raster_files.write(here / "away.tif", ones, transform=raster_files.PLACE @ raster_files.PLACE.translation(9000, 0))
+    raster_files.write(here / "negative.tif", -ones)
+    raster_files.write(here / "closed.tif", np.nan * ones)
+    raster_files.write(here / "local.tif", ones, crs=None)
+    finished = commands.run(*way(dem, *options))
+    assert finished.code in {2, 4}
+    assert text in finished.err
+    assert "Traceback" not in finished.err
+    assert not (here / "swathe-plan").exists()

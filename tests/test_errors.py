@@ -168,6 +168,21 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "A weight of 0.5 for the bound is not usable: 1 to 1000 is allowed.",
         "Give 1 to 1000.",
     ),
+    "planner.drivable": (
+        InvalidParameterError,
+        "A width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
+    "planner.objective": (
+        InvalidParameterError,
+        "The objective's width of -1 is not usable: it must be above 0.",
+        "Give time, energy, risk or weights such as time=1,energy=0.5.",
+    ),
+    "planner.negative_factor": (
+        InvalidParameterError,
+        "The cost factor -1 at cell (0, 1) is negative: factors must be at least 0, NaN or infinite where closed.",
+        "Mark closed cells with NaN or infinity instead.",
+    ),
     "planner.not_a_place": (
         InvalidParameterError,
         "The start (NaN, 0) is not a place: both coordinates must be finite.",

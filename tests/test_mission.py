@@ -20,6 +20,7 @@ import commands
 import raster_files
 from commands import PLAN_FILES
 from swathe import mission
+from swathe.config import Settings, TerrainRequest
 from swathe.errors import InterruptedBySignalError, TooLargeError
 from swathe.grid import Window
 from swathe.io import window as windows
@@ -29,13 +30,13 @@ from swathe.rank import RankParams
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-TRACTOR = mission.Settings(vehicle="tractor")
+TRACTOR = Settings(vehicle="tractor")
 # Well inside the large map, 8 km apart.
 NEAR = ((800_500.0, 3_989_500.0), (806_200.0, 3_984_000.0))
 
 
-def native(*dem: Path | str, **more: Any) -> mission.TerrainRequest:
-    return mission.TerrainRequest(dem=tuple(map(str, dem)), points_crs="native", **more)
+def native(*dem: Path | str, **more: Any) -> TerrainRequest:
+    return TerrainRequest(dem=tuple(map(str, dem)), points_crs="native", **more)
 
 
 def legs(folder: Path) -> list[dict[str, Any]]:
@@ -118,7 +119,7 @@ def test_the_window_grows_until_there_is_a_way_round(
 def test_windows_begin_at_whole_groups_so_that_the_papers_averages_agree(
     large: Path, reads: list[Window], tmp_path: Path
 ) -> None:
-    settings = mission.Settings(vehicle="tractor", rank=RankParams(profile="paper"))
+    settings = Settings(vehicle="tractor", rank=RankParams(profile="paper"))
     mission.plan_route(native(large), *NEAR, settings, tmp_path / "run")
     assert reads[0].rows < 6000
     assert all(number % 8 == 0 for number in reads[0])
@@ -314,11 +315,11 @@ REAL = {
 def test_real_terrain_ends_as_expected_with_a_complete_folder(name: str, swathe_data: Path, tmp_path: Path) -> None:
     case = REAL[name]
     soil, legend = (None if file is None else str(swathe_data / file) for file in (case.soil, case.legend))
-    request = mission.TerrainRequest(
+    request = TerrainRequest(
         dem=(str(swathe_data / case.dem),), soil=soil, soil_legend=legend, points_crs=case.points_crs
     )
     out = tmp_path / "run"
-    found = mission.plan_route(request, case.start, case.goal, mission.Settings(vehicle=case.vehicle), out)
+    found = mission.plan_route(request, case.start, case.goal, Settings(vehicle=case.vehicle), out)
     assert found["status"] == case.status, found["reason"]
     kept = json.loads((out / "summary.json").read_text())
     assert kept["status"] == case.status

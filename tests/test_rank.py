@@ -296,7 +296,7 @@ def test_ranks_go_into_the_callers_array_when_it_fits() -> None:
     wrong: Any
     for wrong in (np.zeros((30, 20), np.uint8), np.zeros((20, 30), np.int8)):
         with pytest.raises(ShapeMismatchError):
-            rank_map(ground, out=wrong)
+            rank_map(ground, out=wrong)  # type: ignore[arg-type]
     fixed = np.zeros((20, 30), np.uint8)
     fixed.flags.writeable = False
     for unusable in (fixed, np.zeros((20, 60), np.uint8)[:, ::2]):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from swathe.corridor import Corridor, CorridorParams
     from swathe.grid import Cell, Position
     from swathe.rank import Region
-    from swathe.swarm import SwarmParams, Tally
+    from swathe.swarm import StopParams, Stopped, SwarmParams, Tally
 
     OnProgress = Callable[[str, int, int], bool]
     Ends = tuple[Position, Position]
@@ -82,6 +82,7 @@ class FoundNests:
     cells_evaluated: int
     tally: Tally | None
     corridor: Corridor | None = None
+    stopped: Stopped | None = None
 
     def inside(self, region: Region) -> NDArray[np.bool_] | None:
         """Return the cells that were searched, None for the whole map."""
@@ -127,11 +128,14 @@ def compare(
     *,
     ends: Ends | None = None,
     seeds: int = 1,
+    stop: StopParams | None = None,
     on_progress: OnProgress | None = None,
 ) -> Comparison:
     """Run every method on one region, the swarm with as many seeds as asked for, counted up from its own.
 
     The methods take turns, so that a busy machine slows all of them.
+
+    ``stop`` ends the swarm.
 
     Raises:
         InvalidParameterError: the number of seeds is not usable, or one of the places lies outside the map.
@@ -147,8 +151,10 @@ def compare(
     firsts: tuple[FoundNests, FoundNests] | None = None
     for seed in drawn:
         with_seed = replace(params, seed=seed)
-        ours, our_plan, our_seconds = _timed(region, "swarm", with_seed, corridor, ends, on_progress=on_progress)
-        exact, best, seconds = _timed(region, "exact", with_seed, corridor, ends, on_progress=on_progress)
+        ours, our_plan, our_seconds = _timed(
+            region, "swarm", with_seed, corridor, ends, stop=stop, on_progress=on_progress
+        )
+        exact, best, seconds = _timed(region, "exact", with_seed, corridor, ends, stop=None, on_progress=on_progress)
         optimum = None if best is None else best.path_cost
         runs["exact"].append(
             Measured(
@@ -183,6 +189,7 @@ def find(
     corridor: CorridorParams,
     ends: Ends | None,
     *,
+    stop: StopParams | None = None,
     on_progress: OnProgress | None = None,
 ) -> tuple[FoundNests, planner.Plan | None]:
     """Find nests of the whole map, or with ``ends`` of the swathe between them, and then the plan too.
@@ -192,16 +199,18 @@ def find(
         UsageError, InterruptedBySignalError: as ``planner.plan``.
     """
     if ends is not None:
-        answer = planner.plan(region, *ends, method=method, swarm=params, corridor=corridor, on_progress=on_progress)
+        answer = planner.plan(
+            region, *ends, method=method, swarm=params, corridor=corridor, stop=stop, on_progress=on_progress
+        )
         if answer.nests is None:
             raise InvalidParameterError(answer.reason or "There are no nests.", answer.remedy or "")
         # A guided swarm has no swathe to be complete in: what it found is measured against the whole map.
         guided = method == "swarm" and corridor.arc == "relaid" and corridor.width_m is None
         swathe = None if guided else answer.corridor
-        return FoundNests(answer.nests, answer.cells_evaluated, answer.swarm, swathe), answer
+        return FoundNests(answer.nests, answer.cells_evaluated, answer.swarm, swathe, answer.stopped), answer
     if method == "swarm":
-        done = swarm.run_swarm(region, params, on_progress=on_progress)
-        return FoundNests(done.nests, done.tally.cells_evaluated, done.tally), None
+        done = swarm.run_swarm(region, params, stop=stop, on_progress=on_progress)
+        return FoundNests(done.nests, done.tally.cells_evaluated, done.tally, stopped=done.stopped), None
     return FoundNests(_exact(rank_map(region).rank, params), region.geometry.cell_count, None), None
 
 
@@ -256,10 +265,11 @@ def _timed(
     corridor: CorridorParams,
     ends: Ends | None,
     *,
+    stop: StopParams | None,
     on_progress: OnProgress | None,
 ) -> tuple[FoundNests, planner.Plan | None, float]:
     began = time.perf_counter()
-    nests, answer = find(region, method, params, corridor, ends, on_progress=on_progress)
+    nests, answer = find(region, method, params, corridor, ends, stop=stop, on_progress=on_progress)
     return nests, answer, time.perf_counter() - began
 
 

@@ -14,17 +14,19 @@ from swathe import planner, rank, swarm
 from swathe.errors import InvalidParameterError
 from swathe.export.folder import FIGURES, SUMMARY, run_folder, to_json, write_text
 from swathe.grid import Cell
-from swathe.mission import prepare_ground, shared_summary
+from swathe.preparation import prepare_ground
 from swathe.soil import SoilClass
+from swathe.summary import shared_summary
 from swathe.terrain import height_map
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from swathe.config import Settings, TerrainRequest
     from swathe.grid import Position
-    from swathe.mission import Ground, Settings, TerrainRequest
     from swathe.nest import Nests
+    from swathe.preparation import Ground
 
     OnProgress = Callable[[str, int, int], bool]
 

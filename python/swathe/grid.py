@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from swathe import _core
 from swathe.errors import InvalidParameterError, ShapeMismatchError
 
 if TYPE_CHECKING:
@@ -129,3 +130,27 @@ def as_codes(layer: ArrayLike, name: str) -> NDArray[np.uint8]:
         if not (numbers and ((array >= 0) & (array <= 255) & (array == np.floor(array))).all()):
             raise InvalidParameterError(f"The {name} holds more than codes.", "Give whole numbers from 0 to 255.")
     return np.ascontiguousarray(array, dtype=np.uint8)
+
+
+def distance_transform(marks: ArrayLike, cell_size_m: float = 1.0) -> NDArray[np.float64]:
+    """Return the exact distance in metres from the centre of every cell to that of the nearest marked one.
+
+    ``marks`` is (rows, columns), True where marked; without any mark every distance is infinite. It is what risk
+    measures from no-go ground (Meijster, Roerdink and Hesselink 2000).
+
+    Raises:
+        ShapeMismatchError: the marks do not have two dimensions or have no cells.
+        InvalidParameterError: they are not booleans, or the cell size is not a length.
+    """
+    array = np.asarray(marks)
+    if array.ndim != 2 or array.size == 0:
+        raise ShapeMismatchError(f"The marks have the shape {array.shape}.", "Give an array of rows and columns.")
+    if array.dtype != np.bool_:
+        raise InvalidParameterError(f"The marks hold {array.dtype}.", "Give booleans.")
+    if not (math.isfinite(cell_size_m) and cell_size_m > 0):
+        raise InvalidParameterError(
+            f"The cell size of {cell_size_m} m is not a length.", "Give a finite number above zero."
+        )
+    squared = _core.squared_distances(np.ascontiguousarray(array))
+    reached = squared != np.iinfo(np.uint64).max
+    return np.where(reached, np.sqrt(squared.astype(np.float64)) * cell_size_m, np.inf)

@@ -68,6 +68,84 @@ class SwarmParams:
         return {**flat, **nest}
 
 
+#: The rules that end a swarm.
+Rule = Literal["good", "connected", "finished", "statistical"]
+
+
+@dataclass(frozen=True, slots=True)
+class StopParams:
+    """When a swarm stops and what it may spend; nothing given is no limit, 0 is nothing at all.
+
+    Attributes:
+        rule: ``good`` (the route is good enough for what is known), ``connected`` (start and goal lie in one nest),
+            ``finished`` (nothing more can be found) or ``statistical`` (so many visits to random cells in a row met no
+            suitable cell that lacks pellets, that their share is below ``open_share`` with the confidence 1 -
+            ``doubt``). None is the usual one: ``good`` for a plan with the re-laid arc, else ``finished``.
+        open_share: above 0 and below 1.
+        doubt: above 0 and below 1.
+        max_ticks: most ticks.
+        max_evaluations: most cells whose rank is asked for; never exceeded.
+        max_seconds: most seconds of the swarm. Only this makes a result depend on the machine.
+    """
+
+    rule: Rule | None = None
+    open_share: float = 1e-3
+    doubt: float = 0.05
+    max_ticks: int | None = None
+    max_evaluations: int | None = None
+    max_seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.rule not in (None, "good", "connected", "finished", "statistical"):
+            raise InvalidParameterError(
+                f"The stop rule {self.rule!r} is not known.", "Give good, connected, finished or statistical."
+            )
+        for name, share in (("share left open", self.open_share), ("doubt", self.doubt)):
+            if not 0 < share < 1:
+                raise InvalidParameterError(f"The {name} of {share} is not usable.", "Give a number between 0 and 1.")
+        for name, most in (("ticks", self.max_ticks), ("evaluations", self.max_evaluations)):
+            if most is not None and not 0 <= most < 2**63:
+                raise InvalidParameterError(f"A budget of {most} {name} cannot be kept.", "Give 0 or more.")
+        if self.max_seconds is not None and not self.max_seconds >= 0:
+            raise InvalidParameterError(f"A budget of {self.max_seconds} seconds cannot be kept.", "Give 0 or more.")
+
+    def after(self, spent: Tally, seconds: float) -> StopParams:
+        """Return the same with what is left of the budgets."""
+
+        def left(most: int | None, gone: int) -> int | None:
+            return None if most is None else max(0, most - gone)
+
+        return replace(
+            self,
+            max_ticks=left(self.max_ticks, spent.ticks),
+            max_evaluations=left(self.max_evaluations, spent.cells_evaluated),
+            max_seconds=None if self.max_seconds is None else max(0.0, self.max_seconds - seconds),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What ended the search for ground, and what it left unseen.
+
+    Attributes:
+        by: ``good``, ``connected``, ``finished``, ``statistical``, ``max_ticks``, ``max_evaluations``, ``max_seconds``
+            or ``stopped``.
+        unknown_cells: cells of the swathe that nobody has looked at.
+        swathe_cells: cells of the swathe, which is the one around the route that was found, or all that was searched.
+        quiet_visits: random visits in a row without news that end the search, where the rule is the statistical one.
+    """
+
+    by: str
+    unknown_cells: int
+    swathe_cells: int
+    quiet_visits: int | None = None
+
+    @property
+    def unknown_share(self) -> float:
+        """Share of the swathe that nobody has looked at."""
+        return self.unknown_cells / self.swathe_cells if self.swathe_cells else 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Tally:
     """What a swarm has done.
@@ -118,6 +196,8 @@ class Frame:
         pellets: (rows, columns) uint8, the most pellets on a cell of the block.
         nests: (rows, columns) uint32, 0 or a name of the nest that changes only when nests merge.
         agents: (agents, 2) uint32, row and column of the agents' blocks.
+        arc: (n, 2) map metres of the arc around which the agents are sent, None for a swarm by itself.
+        is_route: whether the arc is a route through nests that is being improved.
     """
 
     tally: Tally
@@ -126,15 +206,22 @@ class Frame:
     pellets: NDArray[np.uint8]
     nests: NDArray[np.uint32]
     agents: NDArray[np.uint32]
+    arc: NDArray[np.float64] | None = None
+    is_route: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Swarm:
-    """The nests that a swarm has built and how far it came: ``finished``, ``ticks_spent`` or ``stopped``."""
+    """The nests that a swarm has built and how far it came.
+
+    ``ending`` is ``finished``, ``statistical``, ``ticks_spent``, ``evaluations_spent``, ``seconds_spent`` or
+    ``stopped``; ``stopped`` says what that left unseen (None for a swarm in tiles).
+    """
 
     nests: Nests
     ending: str
     tally: Tally
+    stopped: Stopped | None = None
 
 
 def run_swarm(
@@ -143,6 +230,7 @@ def run_swarm(
     *,
     inside: NDArray[np.bool_] | None = None,
     ticks: int | None = None,
+    stop: StopParams | None = None,
     on_progress: Callable[[str, int, int], bool] | None = None,
     on_frame: Callable[[Frame], None] | None = None,
     frame_every: int | Sequence[int] = 1,
@@ -150,7 +238,8 @@ def run_swarm(
 ) -> Swarm:
     """Run a swarm over a region until it is finished, ``ticks`` are over or ``on_progress`` returns False.
 
-    ``inside`` limits it to a mask of cells. A walk without teleport may never finish: give it ``ticks``.
+    ``inside`` limits it to a mask of cells, ``stop`` gives another rule and budgets. A walk without teleport may never
+    finish: give it ``ticks``.
 
     ``on_frame`` is called with the first and the last state and every ``frame_every`` ticks (or at those ticks), in
     blocks of ``frame_step`` cells. Watching changes nothing about the swarm.
@@ -159,6 +248,11 @@ def run_swarm(
         UsageError: a parameter is outside its range or the mask does not fit.
     """
     params = params or SwarmParams(nest=NestParams(rank_min=region.params.rank_min))
+    stop = stop or StopParams()
+    if stop.rule in ("good", "connected"):
+        raise InvalidParameterError(
+            f"The stop rule {stop.rule} needs a start and a goal.", "Give both, or another rule."
+        )
     mask = _mask(inside, region.geometry.shape)
     limit = _limit(ticks)
     every, at = (frame_every, []) if isinstance(frame_every, int) else (0, sorted(frame_every))
@@ -166,10 +260,11 @@ def run_swarm(
         raise InvalidParameterError(
             f"Frames every {frame_every} ticks in blocks of {frame_step} cells cannot be taken.", "Give 1 or more."
         )
-    view = None if on_frame is None else (lambda found: on_frame(_frame(found)))
-    return _swarm(
-        _core.run_swarm(region.core, mask, params.core_arguments(), limit, on_progress, view, every, at, frame_step)
+    view = None if on_frame is None else (lambda found: on_frame(frame_of(found)))
+    found = _core.run_swarm(
+        region.core, mask, params.core_arguments(), limit, asdict(stop), on_progress, view, every, at, frame_step
     )
+    return _swarm(found, region.geometry.cell_count if mask is None else int(mask.sum()))
 
 
 def run_swarm_on_ranks(
@@ -189,7 +284,8 @@ def run_swarm_on_ranks(
     array = as_codes(rank, "rank map")
     mask = _mask(inside, array.shape)
     arguments = (params or SwarmParams()).core_arguments()
-    return _swarm(_core.run_swarm_on_ranks(array, mask, arguments, _limit(ticks), on_progress))
+    found = _core.run_swarm_on_ranks(array, mask, arguments, _limit(ticks), on_progress)
+    return _swarm(found, array.size if mask is None else int(mask.sum()))
 
 
 def _mask(inside: NDArray[np.bool_] | None, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
@@ -201,9 +297,18 @@ def _mask(inside: NDArray[np.bool_] | None, shape: tuple[int, ...]) -> NDArray[n
     return mask
 
 
-def _swarm(found: dict[str, Any]) -> Swarm:
+def _swarm(found: dict[str, Any], cells: int) -> Swarm:
     nests = Nests(found["labels"], np.asarray(found["sizes"], dtype=np.uint32))
-    return Swarm(nests, found["ending"], tally(found))
+    done = tally(found)
+    by = _BUDGETS.get(found["ending"], found["ending"])
+    return Swarm(nests, found["ending"], done, Stopped(by, cells - done.cells_evaluated, cells, found["quiet_visits"]))
+
+
+_BUDGETS = {
+    "ticks_spent": "max_ticks",
+    "evaluations_spent": "max_evaluations",
+    "seconds_spent": "max_seconds",
+}
 
 
 def _limit(ticks: int | None) -> int:
@@ -338,5 +443,8 @@ def tally(found: dict[str, Any]) -> Tally:
     return Tally(**{name: found[name] for name in names})
 
 
-def _frame(found: dict[str, Any]) -> Frame:
-    return Frame(tally(found), **{name: found[name] for name in ("step", "seen", "pellets", "nests", "agents")})
+def frame_of(found: dict[str, Any]) -> Frame:
+    """Return the frame out of the core's answer."""
+    arc = np.asarray(found["arc"], dtype=np.float64).reshape(-1, 2) if "arc" in found else None
+    layers = {name: found[name] for name in ("step", "seen", "pellets", "nests", "agents")}
+    return Frame(tally(found), **layers, arc=arc, is_route=found.get("is_route", False))

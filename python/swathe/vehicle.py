@@ -40,8 +40,8 @@ _Count = Annotated[int, Field(ge=1, le=64)]
 
 # Section of the file -> figure in the file -> attribute of Vehicle. The only place that knows both spellings.
 _SECTIONS: dict[str, dict[str, str]] = {
-    "footprint": {name: name for name in ("length_m", "width_m", "height_m", "ground_clearance_m")},
-    "mass": {"mass_kg": "mass_kg"},
+    "footprint": {name: name for name in ("length_m", "width_m", "height_m", "ground_clearance_m", "gauge_m")},
+    "mass": {name: name for name in ("mass_kg", "centre_of_gravity_m")},
     "motion": {
         name: name
         for name in (
@@ -80,14 +80,17 @@ _SECTIONS: dict[str, dict[str, str]] = {
     },
 }
 _RUNNING_GEARS = ("wheels", "tracks")
-_OPTIONAL = frozenset({"vehicle_cone_index_kpa"})
+_OPTIONAL = frozenset({"vehicle_cone_index_kpa", "gauge_m", "centre_of_gravity_m"})
 
 
 class Vehicle(BaseModel):
     """One machine: its figures in SI units, and where each figure comes from.
 
     Figures of the running gear that the machine does not have are None. ``vehicle_cone_index_kpa`` is a measured value
-    that replaces the formula; None means that the formula is used. ``min_turn_radius_m`` 0 turns in place.
+    that replaces the formula; None means that the formula is used. ``min_turn_radius_m`` 0 turns in place. ``gauge_m``,
+    the distance between the centre lines of left and right wheels or tracks, and ``centre_of_gravity_m``, the height of
+    the centre of gravity above the ground, say on which side slope the machine tips over; without them only
+    ``side_slope`` holds.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -100,7 +103,9 @@ class Vehicle(BaseModel):
     width_m: _Length
     height_m: _Length
     ground_clearance_m: _Height
+    gauge_m: _Length | None = None
     mass_kg: Annotated[float, Field(gt=0, le=1_000_000)]
+    centre_of_gravity_m: _Length | None = None
 
     steering: Literal["differential", "skid", "ackermann"]
     max_speed_mps: Annotated[float, Field(gt=0, le=100)]
@@ -163,6 +168,16 @@ class Vehicle(BaseModel):
     def max_grade(self) -> float:
         """The steeper of the two grades along the direction of travel, rise over run."""
         return max(self.grade_up, self.grade_down)
+
+    @property
+    def rollover_slope(self) -> float | None:
+        """The side slope on which the machine tips over at rest, rise over run; None when it is not known.
+
+        Half the gauge over the height of the centre of gravity: the static stability factor.
+        """
+        if self.gauge_m is None or self.centre_of_gravity_m is None:
+            return None
+        return self.gauge_m / (2 * self.centre_of_gravity_m)
 
     def core_arguments(self) -> dict[str, float | str | bool | None]:
         """Return all figures as one flat dictionary for the core.
@@ -410,6 +425,14 @@ def _contradictions(vehicle: Vehicle) -> list[str]:
     found = []
     if vehicle.ground_clearance_m >= vehicle.height_m:
         found.append("footprint.ground_clearance_m must be less than footprint.height_m")
+    if (vehicle.gauge_m is None) != (vehicle.centre_of_gravity_m is None):
+        found.append(
+            "footprint.gauge_m and mass.centre_of_gravity_m must be given together: they say when it tips over"
+        )
+    if vehicle.gauge_m is not None and vehicle.gauge_m > vehicle.width_m:
+        found.append("footprint.gauge_m must be at most footprint.width_m")
+    if vehicle.centre_of_gravity_m is not None and vehicle.centre_of_gravity_m > vehicle.height_m:
+        found.append("mass.centre_of_gravity_m must be at most footprint.height_m")
     if vehicle.steering == "ackermann" and vehicle.min_turn_radius_m == 0:
         found.append("motion.min_turn_radius_m must be above 0 for ackermann steering")
     if vehicle.wheel_diameter_m is not None and vehicle.wheel_section_height_m is not None:

@@ -92,16 +92,20 @@ impl CoreError {
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
-                | PlannerError::Swarm(SwarmError::Parameter { .. }),
+                | PlannerError::Swarm(SwarmError::Parameter { .. })
+                | PlannerError::Drivable { .. },
             ) => Class::Parameter("Leave it out for the usual value."),
             Self::Nest(error)
             | Self::Swarm(SwarmError::Nest(error))
             | Self::Planner(PlannerError::Nest(error) | PlannerError::Swarm(SwarmError::Nest(error))) => of_nest(error),
-            Self::Planner(PlannerError::NegativeCost { .. }) => {
+            Self::Planner(PlannerError::NegativeCost { .. } | PlannerError::NegativeFactor { .. }) => {
                 Class::Parameter("Mark closed cells with NaN or infinity instead.")
             }
             Self::Planner(PlannerError::Neighbours { .. }) => Class::Parameter("Give 8 or 16."),
             Self::Planner(PlannerError::Weight { .. }) => Class::Parameter("Give 1 to 1000."),
+            Self::Planner(PlannerError::Objective { .. }) => {
+                Class::Parameter("Give time, energy, risk or weights such as time=1,energy=0.5.")
+            }
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
         }
@@ -309,6 +313,23 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("planner.neighbours", PlannerError::Neighbours { given: 5 }.into()),
         ("planner.weight", PlannerError::Weight { weight: 0.5 }.into()),
+        (
+            "planner.drivable",
+            PlannerError::Drivable { name, given, allowed }.into(),
+        ),
+        (
+            "planner.objective",
+            PlannerError::Objective { name, given, allowed }.into(),
+        ),
+        (
+            "planner.negative_factor",
+            PlannerError::NegativeFactor {
+                row: 0,
+                column: 1,
+                factor: -1.0,
+            }
+            .into(),
+        ),
         (
             "planner.not_a_place",
             PlannerError::NotAPlace {

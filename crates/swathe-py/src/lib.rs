@@ -6,6 +6,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod convert;
+mod drivable;
 mod error;
 mod grids;
 mod nest;
@@ -13,7 +14,9 @@ mod planner;
 mod progress;
 mod rank;
 mod region;
+mod repair;
 mod soil;
+mod stop;
 mod swarm;
 mod terrain;
 mod vehicle;
@@ -21,23 +24,29 @@ mod vehicle;
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]
+    use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
+    #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]
     use crate::grids::{OverlappingGrids, gap_share, gaps_found};
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
-    use crate::planner::{lazy_astar, plan, shortest_path};
+    use crate::planner::{any_angle_path, eikonal_field, lazy_astar, plan, shortest_path};
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]
     use crate::region::{Region, defaults};
     #[pymodule_export]
+    use crate::repair::Replanner;
+    #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]
     use crate::swarm::{merge_tiles, run_swarm, run_swarm_on_ranks, run_tile, tile_jobs, transitions};
     #[pymodule_export]
-    use crate::terrain::{aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope};
+    use crate::terrain::{
+        aspect_rad, block_max, directional_difference, group_mean, height_map, roughness_m, slope, squared_distances,
+    };
     #[pymodule_export]
     use crate::vehicle::Vehicle;
 

@@ -1,19 +1,25 @@
 //! The planner.
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use swathe::grid::{Cell, LayerView, Position};
-use swathe::planner::{Algorithm, Corners, LazyRequest, Leg, Plan, PlanRequest, Search, SegmentFacts, Stage, Status};
+use swathe::planner::{
+    Algorithm, AnyAngleMethod, ArcFrame, Corners, Film, LazyRequest, Leg, Objective, PathKind, Plan, PlanRequest,
+    Search, SegmentFacts, Stage, Status, Terrain, Watch, Way, WaySearch,
+};
 
-use crate::convert::{arc_kind, entry, geometry, method, nest_params, position, swarm_params, values};
+use crate::convert::{arc_kind, array, entry, geometry, method, nest_params, position, swarm_params, values, word};
+use crate::drivable::driven;
 use crate::error::{CoreError, invalid};
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
-use crate::swarm::tally_dict;
+use crate::stop::stop_params;
+use crate::swarm::{frame_dict, tally_dict};
 
 type Places = Option<(Vec<(usize, usize)>, f64)>;
+type Vertices = Option<(Vec<(f64, f64)>, f64)>;
 
 /// (cells, cost) of a cheapest way over costs per metre, or None.
 #[pyfunction]
@@ -61,9 +67,93 @@ pub(crate) fn shortest_path<'py>(
     }
 }
 
+/// ([(row, column)], cost) of a cheap way at any angle over costs per metre, or None; cell centres are whole numbers.
+#[pyfunction]
+#[pyo3(signature = (costs, start, goal, cell_size_m, method, cut_corners, report))]
+#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
+pub(crate) fn any_angle_path<'py>(
+    py: Python<'py>,
+    costs: PyReadonlyArray2<'py, f64>,
+    start: (usize, usize),
+    goal: (usize, usize),
+    cell_size_m: f64,
+    method: &str,
+    cut_corners: bool,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Vertices> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
+    let known = [
+        ("auto", AnyAngleMethod::Auto),
+        ("theta", AnyAngleMethod::Theta),
+        ("eikonal", AnyAngleMethod::Eikonal),
+    ];
+    let method = word("method", method, &known)?;
+    let corners = if cut_corners { Corners::Cut } else { Corners::Keep };
+    let data = values(&costs)?;
+    let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<WaySearch, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        Ok(swathe::planner::any_angle_path(
+            costs, start, goal, corners, method, &mut tell,
+        )?)
+    });
+    match told.settle(result.map_err(PyErr::from))? {
+        WaySearch::Found(Way { points, cost }) => {
+            let places = points.iter().map(|&point| grid.fractional(point));
+            Ok(Some((
+                places.map(|(row, column)| (row - 0.5, column - 0.5)).collect(),
+                cost,
+            )))
+        }
+        WaySearch::Unreachable => Ok(None),
+        WaySearch::Stopped => Err(CoreError::from(swathe::planner::PlannerError::Stopped).into()),
+    }
+}
+
+/// Eikonal costs from a cell to every cell, infinite where none leads.
+#[pyfunction]
+#[pyo3(signature = (costs, start, cell_size_m, report))]
+pub(crate) fn eikonal_field<'py>(
+    py: Python<'py>,
+    costs: PyReadonlyArray2<'py, f64>,
+    start: (usize, usize),
+    cell_size_m: f64,
+    report: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (rows, columns) = costs.as_array().dim();
+    let grid = geometry((rows, columns, cell_size_m, 0.0, 0.0))?;
+    let data = values(&costs)?;
+    let mut told = PythonReport::new(report);
+    let result = py.detach(|| -> Result<Vec<f64>, CoreError> {
+        let costs = LayerView::new(grid, data, "the costs")?;
+        let mut tell = |done, total| told.tell("route", done, total);
+        Ok(swathe::planner::eikonal_field(
+            costs,
+            Cell::new(start.0, start.1),
+            &mut tell,
+        )?)
+    });
+    array(py, grid, told.settle(result.map_err(PyErr::from))?)
+}
+
+fn path_kind(given: &str) -> PyResult<PathKind> {
+    let known = [
+        ("grid8", PathKind::Grid8),
+        ("grid16", PathKind::Grid16),
+        ("any-angle", PathKind::AnyAngle),
+        ("drivable", PathKind::Drivable),
+        ("auto", PathKind::Auto),
+    ];
+    word("path", given, &known)
+}
+
 /// Lazy A* through nests: a dictionary of `cells` and `cost` (None without a way), `cells_evaluated`, `cells_expanded`.
 #[pyfunction]
-#[pyo3(signature = (region, start, goal, nest, weight, report))]
+#[pyo3(signature = (region, start, goal, nest, weight, request, factor, report))]
+#[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
 pub(crate) fn lazy_astar<'py>(
     py: Python<'py>,
     region: &Region,
@@ -71,6 +161,8 @@ pub(crate) fn lazy_astar<'py>(
     goal: (usize, usize),
     nest: &Bound<'py, PyDict>,
     weight: f64,
+    request: &Bound<'py, PyDict>,
+    factor: Option<PyReadonlyArray2<'py, f32>>,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let [start, goal] = [start, goal].map(|(row, column)| Cell::new(row, column));
@@ -80,11 +172,15 @@ pub(crate) fn lazy_astar<'py>(
         goal,
         nest,
         weight,
+        objective: objective(request)?,
+        reversed: entry(request, "reversed")?,
     };
+    let factor = factor.as_ref().map(values).transpose()?;
     let mut told = PythonReport::new(report);
     let result = region.with(py, false, |terrain, ranker, vehicle, params| {
         let mut tell = |done, total| told.tell("route", done, total);
         let moisture = params.moisture_percent;
+        let terrain = priced(terrain, factor)?;
         Ok(swathe::planner::lazy_astar(
             terrain, ranker, vehicle, moisture, &request, &mut tell,
         )?)
@@ -106,14 +202,18 @@ pub(crate) fn lazy_astar<'py>(
 
 /// Plans a route; the answer is a dictionary that `swathe.planner` wraps.
 #[pyfunction]
-#[pyo3(signature = (region, request, map_continues, report))]
+#[pyo3(signature = (region, request, factor, map_continues, report))]
 pub(crate) fn plan<'py>(
     py: Python<'py>,
     region: &Region,
     request: &Bound<'py, PyDict>,
+    factor: Option<PyReadonlyArray2<'py, f32>>,
     map_continues: bool,
     report: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let (stop, budget, deadline) = stop_params(request)?;
+    let most_frames: usize = entry(request, "frames")?;
+    let mut film = Film::new(most_frames, entry(request, "frame_step")?);
     let request = PlanRequest {
         start: position(entry(request, "start")?),
         goal: position(entry(request, "goal")?),
@@ -121,9 +221,19 @@ pub(crate) fn plan<'py>(
         swarm: swarm_params(request)?,
         arc: arc_kind(&entry::<String>(request, "arc")?, entry(request, "sagitta_m")?)?,
         width_m: entry(request, "width_m")?,
+        path: path_kind(&entry::<String>(request, "path")?)?,
+        headings_rad: [
+            entry(request, "start_heading_rad")?,
+            entry(request, "goal_heading_rad")?,
+        ],
         bridge: entry(request, "bridge")?,
         certify: entry(request, "certify")?,
+        objective: objective(request)?,
+        reversed: entry(request, "reversed")?,
+        stop,
+        budget,
     };
+    let factor = factor.as_ref().map(values).transpose()?;
     let mut told = PythonReport::new(report);
     let result = region.with(py, map_continues, |terrain, ranker, vehicle, params| {
         let mut tell = |stage, done, total| {
@@ -134,10 +244,45 @@ pub(crate) fn plan<'py>(
             };
             told.tell(stage, done, total)
         };
-        let plan = swathe::planner::plan(terrain, ranker, vehicle, params, &request, &mut tell)?;
+        let terrain = priced(terrain, factor)?;
+        let mut is_over = || deadline.is_over();
+        let film = (most_frames > 0).then_some(&mut film);
+        let mut watch = Watch::new(&mut tell, &mut is_over, film);
+        let plan = swathe::planner::plan_watched(terrain, ranker, vehicle, params, &request, &mut watch)?;
         Ok(plan)
     });
-    answer(py, told.settle(result)?)
+    let found = answer(py, told.settle(result)?)?;
+    let frames: PyResult<Vec<_>> = film.frames().into_iter().map(|frame| arc_frame(py, frame)).collect();
+    found.set_item("frames", PyList::new(py, frames?)?)?;
+    Ok(found)
+}
+
+fn arc_frame(py: Python<'_>, frame: ArcFrame) -> PyResult<Bound<'_, PyDict>> {
+    let found = frame_dict(py, frame.swarm)?;
+    let arc: Vec<(f64, f64)> = frame.arc.iter().map(|p| (p.x_m, p.y_m)).collect();
+    found.set_item("arc", arc)?;
+    found.set_item("width_m", frame.width_m)?;
+    found.set_item("is_route", frame.is_route)?;
+    Ok(found)
+}
+
+/// The objective of a request's entry (time, energy, risk, risk distance in metres or None).
+fn objective(request: &Bound<'_, PyDict>) -> PyResult<Objective> {
+    let (time, energy, risk, risk_distance_m) = entry(request, "objective")?;
+    Ok(Objective {
+        time,
+        energy,
+        risk,
+        risk_distance_m,
+    })
+}
+
+/// The terrain with a user's factor on costs.
+fn priced<'a>(terrain: Terrain<'a>, factor: Option<&'a [f32]>) -> Result<Terrain<'a>, CoreError> {
+    let geometry = terrain.elevation_m.geometry();
+    let view = |factor| LayerView::new(geometry, factor, "the cost factor");
+    let cost_factor = factor.map(view).transpose()?;
+    Ok(Terrain { cost_factor, ..terrain })
 }
 
 fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
@@ -157,6 +302,9 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
             found.set_item("remedy", &refusal.remedy)?;
         }
     }
+    if let Some(path) = &plan.drivable {
+        found.set_item("drivable", driven(py, path)?)?;
+    }
     let path: Vec<(usize, usize)> = plan.path.iter().map(|cell| (cell.row, cell.column)).collect();
     found.set_item("path", path)?;
     found.set_item("path_cost", plan.path_cost)?;
@@ -173,6 +321,17 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
     if let Some(swarm) = plan.swarm {
         found.set_item("swarm", tally_dict(py, swarm.tally)?)?;
         found.set_item("widened", swarm.widened)?;
+    }
+    if let Some(stopped) = plan.stopped {
+        found.set_item(
+            "stopped",
+            (
+                stopped.by.name(),
+                stopped.unknown_cells,
+                stopped.swathe_cells,
+                stopped.quiet_visits,
+            ),
+        )?;
     }
     if let Some(corridor) = plan.corridor {
         let arc: Vec<(f64, f64)> = corridor.arc().iter().copied().map(place).collect();
@@ -193,12 +352,13 @@ fn leg<'py>(py: Python<'py>, leg: &Leg) -> PyResult<Bound<'py, PyDict>> {
     Ok(found)
 }
 
-fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn facts<'py>(py: Python<'py>, facts: &SegmentFacts) -> PyResult<Bound<'py, PyDict>> {
     let found = PyDict::new(py);
     found.set_item("length_m", facts.length_m)?;
     found.set_item("time_s", facts.time_s)?;
     found.set_item("cost", facts.cost)?;
     found.set_item("energy_j", facts.energy_j)?;
+    found.set_item("risk_s", facts.risk_s)?;
     found.set_item("climb_m", facts.climb_m)?;
     found.set_item("descent_m", facts.descent_m)?;
     found.set_item("grade_max", facts.grade_max)?;

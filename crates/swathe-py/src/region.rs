@@ -111,6 +111,7 @@ impl Region {
             let terrain = Terrain {
                 elevation_m,
                 soil,
+                cost_factor: None,
                 map_continues,
             };
             work(terrain, &ranker, vehicle, &params)

@@ -7,7 +7,7 @@ use swathe::grid::{Cell, GridGeometry, Layer};
 use swathe::nest::Nests;
 use swathe::rank::{CellSource, RankView};
 use swathe::swarm::{
-    Colony, Ending, Frame, FrameTicks, State, SwarmParams, TRANSITIONS, Tally, TileJob, TileResult, Window,
+    Colony, Ending, Frame, FrameTicks, State, StopRule, SwarmParams, TRANSITIONS, Tally, TileJob, TileResult, Window,
 };
 
 use crate::convert::{array, geometry, nest_params, swarm_params, values};
@@ -15,6 +15,7 @@ use crate::error::CoreError;
 use crate::nest::give;
 use crate::progress::PythonReport;
 use crate::region::Region;
+use crate::stop::stop_params;
 
 /// The tally as a dictionary.
 pub(crate) fn tally_dict(py: Python<'_>, tally: Tally) -> PyResult<Bound<'_, PyDict>> {
@@ -48,18 +49,19 @@ impl Viewer {
     }
 }
 
-fn frame_dict(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyDict>> {
+pub(crate) fn frame_dict(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyDict>> {
     fn layer<T: Element>(py: Python<'_>, data: Vec<T>, rows: usize) -> PyResult<Bound<'_, PyArray2<T>>> {
         let columns = data.len() / rows;
         PyArray1::from_vec(py, data).reshape([rows, columns])
     }
+    let frame_agents = frame.agents.len();
     let found = tally_dict(py, frame.tally)?;
     found.set_item("step", frame.step)?;
     found.set_item("seen", layer(py, frame.seen, frame.rows)?)?;
     found.set_item("pellets", layer(py, frame.pellets, frame.rows)?)?;
     found.set_item("nests", layer(py, frame.nests, frame.rows)?)?;
-    let agents = frame.agents.len();
-    found.set_item("agents", layer(py, frame.agents.into_flattened(), agents)?)?;
+    let agents = frame.agents.into_flattened();
+    found.set_item("agents", PyArray1::from_vec(py, agents).reshape([frame_agents, 2])?)?;
     Ok(found)
 }
 
@@ -77,10 +79,10 @@ pub(crate) fn transitions() -> (
 
 /// Runs a swarm inside a mask (everywhere without one) for at most `ticks`; returns labels, sizes, how it ended and the tally.
 ///
-/// With `on_frame` it is called with a frame every `frame_every` ticks, or at `frame_ticks` when that is 0, in blocks of
+/// `stop` holds a rule and budgets. With `on_frame` it is called with a frame every `frame_every` ticks, or at `frame_ticks` when that is 0, in blocks of
 /// `frame_step` cells.
 #[pyfunction]
-#[pyo3(signature = (region, inside, params, ticks, report, on_frame=None, frame_every=0, frame_ticks=vec![], frame_step=1))]
+#[pyo3(signature = (region, inside, params, ticks, stop, report, on_frame=None, frame_every=0, frame_ticks=vec![], frame_step=1))]
 #[allow(clippy::too_many_arguments, reason = "the mirror's keyword arguments")]
 pub(crate) fn run_swarm<'py>(
     py: Python<'py>,
@@ -88,6 +90,7 @@ pub(crate) fn run_swarm<'py>(
     inside: Option<PyReadonlyArray2<'py, bool>>,
     params: &Bound<'py, PyDict>,
     ticks: u64,
+    stop: &Bound<'py, PyDict>,
     report: Option<Py<PyAny>>,
     on_frame: Option<Py<PyAny>>,
     frame_every: u64,
@@ -95,6 +98,7 @@ pub(crate) fn run_swarm<'py>(
     frame_step: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
     let params = swarm_params(params)?;
+    let (rule, budget, deadline) = stop_params(stop)?;
     let mask = inside.as_ref().map(values).transpose()?.map(<[bool]>::to_vec);
     let mut told = PythonReport::new(report);
     let is_watched = on_frame.is_some();
@@ -108,19 +112,26 @@ pub(crate) fn run_swarm<'py>(
     };
     let result = region.with(py, false, |_, ranker, _, _| {
         let mut colony = deploy(ranker, mask, params)?;
-        let mut tell = |done, total| told.tell("regions", done, total);
+        colony.stop_by(rule.unwrap_or(StopRule::Finished), budget)?;
+        let mut late = false;
+        let mut tell = |done, total| {
+            late = deadline.is_over();
+            !late && told.tell("regions", done, total)
+        };
         let ending = if is_watched {
             colony.run_in_frames(ticks, &frames, frame_step, &mut tell, &mut |frame| viewer.show(frame))
         } else {
             colony.run(ticks, &mut tell)
         };
-        Ok((ending, colony.tally(), colony.take_nests()?))
+        let ending = if late { "seconds_spent" } else { word(ending) };
+        let quiet = colony.quiet_visits_needed();
+        Ok((ending, quiet, colony.tally(), colony.take_nests()?))
     });
     if let Some(error) = viewer.raised {
         return Err(error);
     }
-    let (ending, tally, nests) = told.settle(result)?;
-    swarm_dict(py, ending, tally, nests)
+    let (ending, quiet, tally, nests) = told.settle(result)?;
+    swarm_dict(py, ending, quiet, tally, nests)
 }
 
 /// The same on plain ranks that are known already, without frames.
@@ -142,10 +153,10 @@ pub(crate) fn run_swarm_on_ranks<'py>(
     let result = py.detach(|| -> Result<_, CoreError> {
         let mut colony = deploy(RankView::new(grid, ranks)?, mask, params)?;
         let ending = colony.run(ticks, &mut |done, total| told.tell("regions", done, total));
-        Ok((ending, colony.tally(), colony.take_nests()?))
+        Ok((word(ending), colony.tally(), colony.take_nests()?))
     });
     let (ending, tally, nests) = told.settle(result.map_err(PyErr::from))?;
-    swarm_dict(py, ending, tally, nests)
+    swarm_dict(py, ending, None, tally, nests)
 }
 
 /// A swarm inside a mask, or everywhere; the mask is not kept.
@@ -160,18 +171,28 @@ fn deploy<Source: CellSource>(
     Ok(Colony::deploy(source, &mask, params)?)
 }
 
-fn swarm_dict(py: Python<'_>, ending: Ending, tally: Tally, nests: Nests) -> PyResult<Bound<'_, PyDict>> {
+fn swarm_dict<'py>(
+    py: Python<'py>,
+    ending: &str,
+    quiet_visits: Option<u64>,
+    tally: Tally,
+    nests: Nests,
+) -> PyResult<Bound<'py, PyDict>> {
     let found = tally_dict(py, tally)?;
     let (labels, sizes) = give(py, nests)?;
     found.set_item("labels", labels)?;
     found.set_item("sizes", sizes)?;
-    found.set_item("ending", word(ending))?;
+    found.set_item("ending", ending)?;
+    found.set_item("quiet_visits", quiet_visits)?;
     Ok(found)
 }
 
 fn word(ending: Ending) -> &'static str {
     match ending {
         Ending::Finished => "finished",
+        Ending::Connected => "connected",
+        Ending::Statistical => "statistical",
+        Ending::EvaluationsSpent => "evaluations_spent",
         Ending::TicksSpent => "ticks_spent",
         Ending::Stopped => "stopped",
     }

@@ -28,6 +28,16 @@ fn map<'py, T: numpy::Element + Send>(
     array(py, grid, layer.into_data())
 }
 
+/// Squared distances in cells to the nearest marked cell; the greatest number where none is marked.
+#[pyfunction]
+pub(crate) fn squared_distances<'py>(py: Python<'py>, marks: PyReadonlyArray2<'py, bool>) -> Result2<'py, u64> {
+    let (rows, columns) = marks.as_array().dim();
+    let grid = geometry((rows, columns, 1.0, 0.0, 0.0))?;
+    let data = values(&marks)?;
+    let layer = py.detach(|| swathe::grid::squared_distances(grid, |index| data[index]));
+    array(py, grid, layer.into_data())
+}
+
 /// Horn's slope, rise over run.
 #[pyfunction]
 pub(crate) fn slope<'py>(py: Python<'py>, elevation_m: Heights<'py>, cell_size_m: f64) -> Result2<'py, f32> {

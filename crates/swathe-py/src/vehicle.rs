@@ -43,6 +43,7 @@ impl Vehicle {
             ground_clearance_m: number("ground_clearance_m")?,
             mass_kg: number("mass_kg")?,
             max_speed_mps: number("max_speed_mps")?,
+            min_turn_radius_m: number("min_turn_radius_m")?,
             reaction_time_s: number("reaction_time_s")?,
             sight_distance_m: number("sight_distance_m")?,
             grade_up: number("grade_up")?,
@@ -57,6 +58,8 @@ impl Vehicle {
             manual_transmission: entry(figures, "manual_transmission")?,
             running_gear,
             measured_cone_index_kpa: entry(figures, "vehicle_cone_index_kpa")?,
+            gauge_m: entry(figures, "gauge_m")?,
+            centre_of_gravity_m: entry(figures, "centre_of_gravity_m")?,
         };
         inner.validate().map_err(CoreError::from)?;
         Ok(Self { inner })
@@ -66,6 +69,11 @@ impl Vehicle {
     fn cone_index(&self) -> (f64, f64, bool) {
         let index = self.inner.cone_index();
         (index.one_pass_kpa, index.fifty_passes_kpa, index.extrapolated)
+    }
+
+    /// The side slope on which it tips over at rest, or None when gauge or centre of gravity are not known.
+    fn rollover_slope(&self) -> Option<f64> {
+        self.inner.rollover_slope()
     }
 
     /// (go, steepest grade by traction, rolling resistance, speed m/s) on a soil class.

@@ -68,6 +68,8 @@ pub struct Vehicle {
     pub mass_kg: f64,
     /// Greatest speed in m/s.
     pub max_speed_mps: f64,
+    /// Least turning radius in metres; 0 turns in place.
+    pub min_turn_radius_m: f64,
     /// Reaction time before braking, in seconds.
     pub reaction_time_s: f64,
     /// How far ahead obstacles are seen, in metres.
@@ -96,6 +98,10 @@ pub struct Vehicle {
     pub running_gear: RunningGear,
     /// A measured vehicle cone index in kPa that replaces the formula.
     pub measured_cone_index_kpa: Option<f64>,
+    /// Distance between the centre lines of left and right wheels or tracks, in metres.
+    pub gauge_m: Option<f64>,
+    /// Height of the centre of gravity above the ground in metres.
+    pub centre_of_gravity_m: Option<f64>,
 }
 
 /// What can be wrong with a vehicle.
@@ -143,6 +149,11 @@ impl Vehicle {
             ("drive efficiency", self.drive_efficiency),
             ("braking friction", self.braking_friction),
             ("traction friction", self.traction_friction),
+            ("gauge in metres", self.gauge_m.unwrap_or(1.0)),
+            (
+                "height of the centre of gravity in metres",
+                self.centre_of_gravity_m.unwrap_or(1.0),
+            ),
         ];
         for (name, given) in positive {
             if !(given.is_finite() && given > 0.0) {
@@ -152,6 +163,7 @@ impl Vehicle {
         }
         let not_negative = [
             ("ground clearance in metres", self.ground_clearance_m),
+            ("least turning radius in metres", self.min_turn_radius_m),
             ("reaction time in seconds", self.reaction_time_s),
             ("step height in metres", self.step_height_m),
             ("idle power in watts", self.idle_power_w),
@@ -169,6 +181,17 @@ impl Vehicle {
     /// Radius of the circle around the footprint, in metres.
     pub fn circumscribed_radius_m(&self) -> f64 {
         self.length_m.hypot(self.width_m) / 2.0
+    }
+
+    /// The side slope on which the vehicle would tip over when it stands still: half its gauge over the height of its centre
+    /// of gravity (the static stability factor). `None` unless both are known.
+    pub fn rollover_slope(&self) -> Option<f64> {
+        Some(self.gauge_m? / (2.0 * self.centre_of_gravity_m?))
+    }
+
+    /// The side slope that is never exceeded: the limit, or less where the vehicle would tip over before.
+    pub fn max_side_slope(&self) -> f64 {
+        self.side_slope.min(self.rollover_slope().unwrap_or(f64::INFINITY))
     }
 
     /// The steeper of the two grade limits.
@@ -291,6 +314,7 @@ pub(crate) mod fixtures {
             ground_clearance_m: 0.08,
             mass_kg: 20.0,
             max_speed_mps: 0.7,
+            min_turn_radius_m: 0.0,
             reaction_time_s: 0.3,
             sight_distance_m: 8.0,
             grade_up: 0.25,
@@ -312,6 +336,8 @@ pub(crate) mod fixtures {
                 chains: false,
             }),
             measured_cone_index_kpa: None,
+            gauge_m: None,
+            centre_of_gravity_m: None,
         }
     }
 
@@ -322,6 +348,7 @@ pub(crate) mod fixtures {
             width_m: 2.2,
             mass_kg: 5000.0,
             max_speed_mps: 8.0,
+            min_turn_radius_m: 4.8,
             sight_distance_m: 40.0,
             grade_up: 0.30,
             grade_down: 0.30,

@@ -3,12 +3,57 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from swathe.mission import Settings, TerrainRequest
+from swathe.cli.options import (
+    Agents,
+    Arc,
+    Bands,
+    Bounds,
+    CellSize,
+    Combine,
+    CostRaster,
+    Crs,
+    Debug,
+    Dem,
+    Directions,
+    Explore,
+    GoalBearing,
+    HeightRange,
+    Json,
+    MaxEvaluations,
+    MaxSeconds,
+    MaxTicks,
+    MemoryLimit,
+    Method,
+    Moisture,
+    Objective,
+    Out,
+    PaperGrade,
+    PathOption,
+    Pellets,
+    PointsCrs,
+    Profile,
+    Quiet,
+    Rounding,
+    Sagitta,
+    Seed,
+    Soil,
+    SoilField,
+    SoilLegend,
+    SoilTable,
+    StartBearing,
+    Stop,
+    Threads,
+    UnknownSoil,
+    VehicleName,
+    Weights,
+    Width,
+    settings_of,
+    terrain_request,
+)
 
 app = typer.Typer(
     name="swathe",
@@ -19,98 +64,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-
-GROUND = "The ground"
-METHOD = "How it is judged"
-OUTPUT = "What you get"
-
-Dem = Annotated[
-    list[str],
-    typer.Option(
-        "--dem",
-        help="Elevation: a file, folder, pattern or http(s) address of anything GDAL reads, or bundled:jacksboro. "
-        "Several are put together.",
-        rich_help_panel=GROUND,
-    ),
-]
-Soil = Annotated[
-    str | None,
-    typer.Option("--soil", help="Soil map: vector or raster, or bundled:jacksboro.", rich_help_panel=GROUND),
-]
-SoilField = Annotated[
-    str | None, typer.Option("--soil-field", help="Attribute of the soil map that names the soil, e.g. cat.")
-]
-SoilLegend = Annotated[str | None, typer.Option("--soil-legend", help="CSV that explains the soil map's values.")]
-CellSize = Annotated[float | None, typer.Option("--cell-size", help="Size of terrain cells in metres.")]
-HeightRange = Annotated[
-    str | None, typer.Option("--height-range", help="LOW,HIGH in metres of black and white in a grey height map.")
-]
-Crs = Annotated[str | None, typer.Option("--crs", help="Projection to plan in, e.g. EPSG:32632. [default: UTM]")]
-PointsCrs = Annotated[
-    str | None,
-    typer.Option(
-        "--points-crs",
-        help="System of points and bounds: native (the elevation's) or EPSG:n; x,y order always. [default: WGS 84 "
-        "longitude,latitude]",
-    ),
-]
-Bounds = Annotated[str | None, typer.Option("--bounds", help="WEST,SOUTH,EAST,NORTH of the part to use.")]
-MemoryLimit = Annotated[float | None, typer.Option("--memory-limit", help="Most memory to use, in GB.")]
-VehicleName = Annotated[
-    str, typer.Option("--vehicle", help="A vehicle of `swathe vehicles`, or a TOML file of your own.")
-]
-Profile = Annotated[
-    Literal["metric", "paper", "literal"],
-    typer.Option(
-        "--profile",
-        help="metric: slope against the vehicle's limits. paper: the paper's tables with gates. "
-        "literal: the paper's tables without gates.",
-    ),
-]
-Method = Annotated[
-    Literal["swarm", "exact"], typer.Option("--method", help="Termite swarm, or one exact pass over the whole map.")
-]
-Moisture = Annotated[str, typer.Option("--moisture", help="dry, normal, wet, or per cent of the dry weight.")]
-UnknownSoil = Annotated[
-    str,
-    typer.Option(
-        "--unknown-soil", help="What unknown soil counts as: a class, avoid, or neutral (goodness 3, not gated)."
-    ),
-]
-Agents = Annotated[int | None, typer.Option("--agents", help="Termites. [default: 1024; 10 in the paper's profiles]")]
-Pellets = Annotated[
-    int | None, typer.Option("--pellets", help="Pellets that make a focus. [default: 1; 3 in the paper's profiles]")
-]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of every random draw.")]
-Threads = Annotated[int | None, typer.Option("--threads", help="Threads; the result is the same for any number.")]
-Arc = Annotated[
-    Literal["relaid", "spine", "circle", "line"] | None,
-    typer.Option("--arc", help="How the arc is laid. [default: relaid; circle in the paper's profiles]"),
-]
-Sagitta = Annotated[float | None, typer.Option("--sagitta", help="Height of the circular arc over its chord, metres.")]
-Width = Annotated[float | None, typer.Option("--width", help="Width of the swathe, metres. [default: 1/4 of the way]")]
-SoilTable = Annotated[
-    Literal["text", "table2"], typer.Option("--soil-table", help="Goodness of silt: the paper's text 2, its table 3.")
-]
-Combine = Annotated[
-    Literal["weighted", "min"], typer.Option("--combine", help="How height and soil goodness become a rank.")
-]
-Weights = Annotated[
-    str | None, typer.Option("--weights", help="HEIGHT,SOIL weights that sum to 1. [default: 0.5,0.5, eq. 1]")
-]
-Directions = Annotated[
-    Literal["worst", "mean", "best", "four"],
-    typer.Option("--directions", help="Which differences count in the paper's table."),
-]
-Bands = Annotated[Literal["symmetric", "literal"], typer.Option("--bands", help="How the paper's bins are read.")]
-Rounding = Annotated[
-    Literal["half_away", "real"], typer.Option("--rounding", help="How real differences meet the paper's bins.")
-]
-PaperGrade = Annotated[float, typer.Option("--paper-grade", help="The paper's bound on safe travel, rise over run.")]
-Out = Annotated[Path | None, typer.Option("--out", help="Folder to write. [default: swathe-<command>]")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -169,14 +122,27 @@ def plan(
     pellets: Pellets = None,
     seed: Seed = 0,
     threads: Threads = None,
+    explore: Explore = "walk",
+    stop: Stop = None,
+    max_ticks: MaxTicks = None,
+    max_evaluations: MaxEvaluations = None,
+    max_seconds: MaxSeconds = None,
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
+    path: PathOption = "auto",
+    start_bearing: StartBearing = None,
+    goal_bearing: GoalBearing = None,
+    objective: Objective = "time",
+    cost_raster: CostRaster = None,
     bridge: Annotated[
         bool, typer.Option("--bridge", help="Allow suitable ground outside nests when nothing else connects.")
     ] = False,
     certify: Annotated[
         bool, typer.Option("--certify", help="Widen the swathe until the route is known to be the map's best.")
+    ] = False,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Add an animation of termites and arc, as GIF and as HTML page.")
     ] = False,
     soil_table: SoilTable = "text",
     combine: Combine = "weighted",
@@ -201,12 +167,14 @@ def plan(
 
       swathe plan --dem heights.png --cell-size 10 --height-range 0,255 --points-crs native --start 50,50 --goal 900,700
 
+      swathe plan --dem dem.tif --start 10.05,51.53 --goal 10.15,51.60 --max-evaluations 20000 --animate
+
     A negative answer (exit code 3) says what is in the way, where, and what would change it.
     """
     from swathe import mission
     from swathe.cli import say
 
-    terrain = _terrain(
+    terrain = terrain_request(
         dem=dem,
         soil=soil,
         soil_field=soil_field,
@@ -217,8 +185,9 @@ def plan(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        cost_raster=cost_raster,
     )
-    settings = _settings(
+    settings = settings_of(
         vehicle=vehicle,
         method=method,
         profile=profile,
@@ -228,9 +197,18 @@ def plan(
         pellets=pellets,
         seed=seed,
         threads=threads,
+        explore=explore,
+        stop=stop,
+        max_ticks=max_ticks,
+        max_evaluations=max_evaluations,
+        max_seconds=max_seconds,
         arc=arc,
         sagitta=sagitta,
         width=width,
+        path=path,
+        start_bearing=start_bearing,
+        goal_bearing=goal_bearing,
+        objective=objective,
         bridge=bridge,
         certify=certify,
         soil_table=soil_table,
@@ -243,7 +221,9 @@ def plan(
     )
     ends = say.pair("--start", start), say.pair("--goal", goal)
     with say.progress(quiet=quiet or json) as report:
-        summary = mission.plan_route(terrain, *ends, settings, out or Path("swathe-plan"), on_progress=report)
+        summary = mission.plan_route(
+            terrain, *ends, settings, out or Path("swathe-plan"), animate=animate, on_progress=report
+        )
     say.result(summary, as_json=json)
     return 0 if summary["status"] == "route_found" else 3
 
@@ -281,6 +261,11 @@ def nests(
     pellets: Pellets = None,
     seed: Seed = 0,
     threads: Threads = None,
+    explore: Explore = "walk",
+    stop: Stop = None,
+    max_ticks: MaxTicks = None,
+    max_evaluations: MaxEvaluations = None,
+    max_seconds: MaxSeconds = None,
     arc: Arc = None,
     sagitta: Sagitta = None,
     width: Width = None,
@@ -308,12 +293,14 @@ def nests(
       swathe nests --dem dem.tif --start 10.03,51.52 --goal 10.12,51.58 --compare --seeds 20
 
       swathe nests --dem bundled:jacksboro --vehicle tractor --animate
+
+      swathe nests --dem dem.tif --explore uniform --stop statistical --max-ticks 5000
     """
     from swathe import mission
     from swathe.cli import say
     from swathe.cli.compare import ends_of
 
-    terrain = _terrain(
+    terrain = terrain_request(
         dem=dem,
         soil=soil,
         soil_field=soil_field,
@@ -325,7 +312,7 @@ def nests(
         bounds=bounds,
         memory_limit=memory_limit,
     )
-    settings = _settings(
+    settings = settings_of(
         vehicle=vehicle,
         method=method,
         profile=profile,
@@ -335,6 +322,11 @@ def nests(
         pellets=pellets,
         seed=seed,
         threads=threads,
+        explore=explore,
+        stop=stop,
+        max_ticks=max_ticks,
+        max_evaluations=max_evaluations,
+        max_seconds=max_seconds,
         arc=arc,
         sagitta=sagitta,
         width=width,
@@ -400,7 +392,7 @@ def figures(
     from swathe.cli import figures as drawing
     from swathe.cli.compare import ends_of
 
-    terrain = _terrain(
+    terrain = terrain_request(
         dem=dem or [],
         soil=soil,
         soil_field=soil_field,
@@ -412,7 +404,7 @@ def figures(
         bounds=bounds,
         memory_limit=memory_limit,
     )
-    settings = _settings(
+    settings = settings_of(
         vehicle=vehicle,
         method=method,
         profile=profile,
@@ -480,84 +472,3 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
     from swathe.cli.doctor import examine
 
     return examine(as_json=json)
-
-
-def _terrain(
-    *,
-    dem: list[str],
-    soil: str | None,
-    soil_field: str | None,
-    soil_legend: str | None,
-    cell_size: float | None,
-    height_range: str | None,
-    crs: str | None,
-    points_crs: str | None,
-    bounds: str | None,
-    memory_limit: float | None,
-) -> TerrainRequest:
-    from swathe.cli import say
-    from swathe.io.memory import limit_of
-    from swathe.mission import TerrainRequest
-
-    low_high = None if height_range is None else say.numbers("--height-range", height_range, 2)
-    box = None if bounds is None else say.numbers("--bounds", bounds, 4)
-    return TerrainRequest(
-        dem=tuple(dem),
-        soil=soil,
-        soil_field=soil_field,
-        soil_legend=soil_legend,
-        cell_size_m=cell_size,
-        crs=crs,
-        height_range_m=None if low_high is None else (low_high[0], low_high[1]),
-        points_crs=points_crs,
-        bounds=None if box is None else (box[0], box[1], box[2], box[3]),
-        memory_limit_bytes=None if memory_limit is None else limit_of(memory_limit),
-    )
-
-
-def _settings(
-    *,
-    vehicle: str,
-    method: Literal["swarm", "exact"],
-    profile: Literal["metric", "paper", "literal"],
-    moisture: str,
-    unknown_soil: str,
-    agents: int | None,
-    pellets: int | None,
-    seed: int,
-    threads: int | None,
-    weights: str | None,
-    arc: Literal["relaid", "spine", "circle", "line"] | None = None,
-    sagitta: float | None = None,
-    width: float | None = None,
-    bridge: bool = False,
-    certify: bool = False,
-    **rules: Any,  # noqa: ANN401 - the rank options, by the names of RankParams
-) -> Settings:
-    from swathe.cli import say
-    from swathe.mission import Settings, use_threads
-    from swathe.rank import RankParams, moisture_percent
-
-    use_threads(threads)
-    height_soil = (0.5, 0.5) if weights is None else say.numbers("--weights", weights, 2)
-    params = RankParams(
-        profile=profile,
-        moisture_percent=moisture_percent(moisture),
-        unknown_soil=unknown_soil,
-        height_weight=height_soil[0],
-        soil_weight=height_soil[1],
-        **rules,
-    )
-    return Settings(
-        vehicle=vehicle,
-        rank=params,
-        method=method,
-        agents=agents,
-        pellet_max=pellets,
-        seed=seed,
-        arc=arc,
-        sagitta_m=sagitta,
-        width_m=width,
-        bridge=bridge,
-        certify=certify,
-    )

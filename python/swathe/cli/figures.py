@@ -11,7 +11,7 @@ from swathe.cli import say
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from swathe.mission import Settings, TerrainRequest
+    from swathe.config import Settings, TerrainRequest
 
 _BUNDLED = "bundled:jacksboro"
 _OVER_THE_RIDGES = ((-84.1311, 36.4621), (-84.1872, 36.5762))

@@ -117,8 +117,13 @@ def in_words(summary: dict[str, Any]) -> list[str]:
                 f"steepest grade {wording.percent(summary['max_grade'])}, "
                 f"side slope {wording.percent(summary['max_side_slope'])}, energy {wording.energy(summary['energy_j'])}"
             )
+            if summary["objective"] != "time":
+                cost, risk = wording.duration(summary["cost"]), wording.duration(summary["risk_s"])
+                lines.append(f"  objective {summary['objective']}: cost {cost}, {risk} near no-go ground")
             share = summary["cells_evaluated"] / summary["cells_total"]
             known = "the best of the whole map" if summary["optimal"] else "the best inside the swathe"
+            if summary["stopped_by"] not in (None, "good", "finished"):
+                known = "the best of what was seen"
             lines.append(f"  {known}; {wording.percent(share)} of the cells were looked at")
         else:
             lines += [f"  {summary[key]}" for key in ("reason", "where", "remedy") if summary[key]]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from swathe import mission
 from swathe.cli import say
+from swathe.config import Settings, TerrainRequest
 from swathe.report import wording
 
 if TYPE_CHECKING:
@@ -32,10 +33,10 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
     if not (as_json or quiet):
         say.show("The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.")
     for name, title, vehicle, start, goal, with_soil in _CHAPTERS:
-        terrain = mission.TerrainRequest(dem=(_BUNDLED,), soil=_BUNDLED if with_soil else None)
+        terrain = TerrainRequest(dem=(_BUNDLED,), soil=_BUNDLED if with_soil else None)
         with say.progress(quiet=quiet or as_json) as report:
             summary = mission.plan_route(
-                terrain, start, goal, mission.Settings(vehicle=vehicle), out / name, on_progress=report
+                terrain, start, goal, Settings(vehicle=vehicle), out / name, on_progress=report
             )
         answers.append({"chapter": name, "title": title, **summary})
         if not as_json:

@@ -6,6 +6,7 @@ A frame without longitude and latitude (a local height map, another planet) keep
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from swathe.drivable import DrivablePath
     from swathe.io.crs import Frame
     from swathe.nest import Gap, Nests, Outline
     from swathe.planner import Route
@@ -45,10 +47,43 @@ def route_collection(route: Route | None, frame: Frame, origin: Mapping[str, Any
                     "speed_mps": round(leg.speed_mps, 4),
                     "time_s": round(leg.time_s, 3),
                     "energy_j": round(leg.energy_j, 1),
+                    "risk_s": round(leg.risk_s, 3),
                     "climb_m": round(leg.climb_m, 3),
                     "descent_m": round(leg.descent_m, 3),
                     "outside_nests_m": round(leg.bridged_m, 3),
                     "reason": leg.reason,
+                },
+            }
+        )
+    return _collection(features, frame, origin)
+
+
+def drivable_collection(path: DrivablePath, frame: Frame, origin: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one LineString feature per arc, in order, with its curvature, direction and facts.
+
+    ``heading_deg`` is where the nose points at the arc's start, clockwise from the map's north.
+    """
+    features = []
+    for number, arc in enumerate(path.arcs, start=1):
+        end = path.arcs[number].start[:2] if number < len(path.arcs) else tuple(path.poses[-1, :2])
+        features.append(
+            {
+                "type": "Feature",
+                "geometry": {"type": "LineString", "coordinates": _coordinates(arc.points(end), frame)},
+                "properties": {
+                    "arc": number,
+                    "direction": "reverse" if arc.reverse else "forward",
+                    "radius_m": None if arc.curvature_per_m == 0 else round(1 / abs(arc.curvature_per_m), 3),
+                    "turn": "straight"
+                    if arc.curvature_per_m == 0
+                    else ("left" if arc.curvature_per_m > 0 else "right"),
+                    "heading_deg": round((90 - math.degrees(arc.start.heading_rad)) % 360, 3),
+                    "length_m": round(arc.length_m, 3),
+                    "time_s": round(arc.time_s, 3),
+                    "energy_j": round(arc.energy_j, 1),
+                    "grade_max": round(arc.grade_max, 5),
+                    "grade_min": round(arc.grade_min, 5),
+                    "side_slope_max": round(arc.side_slope_max, 5),
                 },
             }
         )

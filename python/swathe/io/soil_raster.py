@@ -44,7 +44,7 @@ def sample_raster(source: Source, frame: Frame, field: str | None, legend: Legen
             crs_wkt = horizontal(crs_from_wkt(crs_wkt)).to_wkt()
         else:
             transform = local_from_file(frame) @ transform
-        numbers, transform = _read_near(source, dataset, transform, crs_wkt, frame)
+        numbers, transform = read_near(source, dataset, transform, crs_wkt, frame)
         names = _category_names(source)
         nodata = dataset.nodatavals[0]
     known = ~np.isnan(numbers) if numbers.dtype.kind == "f" else np.ones(numbers.shape, dtype=bool)
@@ -82,18 +82,18 @@ def nearest(codes: NDArray[Any], transform: Affine, crs_wkt: str | None, frame: 
     )
 
 
-def require_system(source: Source, frame: Frame, crs_wkt: str | None) -> None:
-    """Raise MissingCrsError when only one of the soil and the elevation has a coordinate reference system."""
+def require_system(source: Source, frame: Frame, crs_wkt: str | None, what: str = "soil") -> None:
+    """Raise MissingCrsError when only one of a layer and the elevation has a coordinate reference system."""
     if frame.crs_wkt is not None and crs_wkt is None:
         raise MissingCrsError(
-            f"The soil {source.name} has no coordinate reference system.",
-            "Give the file one (a .prj beside it will do): where the soil lies cannot be guessed.",
+            f"The {what} {source.name} has no coordinate reference system.",
+            f"Give the file one (a .prj beside it will do): where the {what} lies cannot be guessed.",
         )
     if frame.crs_wkt is None and crs_wkt is not None:
         name = crs_name(crs_from_wkt(crs_wkt))
         raise MissingCrsError(
-            f"The soil {source.name} lies in {name}, but the elevation has no coordinate reference system.",
-            "Give the elevation's system with `--crs`, or a soil map in the elevation's own coordinates.",
+            f"The {what} {source.name} lies in {name}, but the elevation has no coordinate reference system.",
+            f"Give the elevation's system with `--crs`, or a {what} map in the elevation's own coordinates.",
         )
 
 
@@ -117,16 +117,18 @@ def frame_box(frame: Frame, crs_wkt: str | None) -> tuple[float, float, float, f
     return (float(x[known].min()), float(y[known].min()), float(x[known].max()), float(y[known].max()))
 
 
-def _read_near(
+def read_near(
     source: Source,
     dataset: Any,  # noqa: ANN401 - rasterio has no types
     transform: Affine,
     crs_wkt: str | None,
     frame: Frame,
+    *,
+    what: str = "soil",
 ) -> tuple[NDArray[Any], Affine]:
     """Return the part of a raster around a frame, and where it lies."""
     box = frame_box(frame, crs_wkt)
-    nowhere = NoOverlapError(f"{source.name} lies outside the map.", "Name a soil map of the same region.")
+    nowhere = NoOverlapError(f"{source.name} lies outside the map.", f"Name a {what} map of the same region.")
     if box is None:
         raise nowhere
     west, south, east, north = box

@@ -14,7 +14,50 @@
     const bytes = Uint8Array.from(atob(frame.agents), (sign) => sign.charCodeAt(0));
     return { picture, agents: new DataView(bytes.buffer), words: frame.words };
   });
+  const numbers = (packed) => {
+    const bytes = Uint8Array.from(atob(packed), (sign) => sign.charCodeAt(0));
+    const view = new DataView(bytes.buffer);
+    return Array.from({ length: bytes.length / 2 }, (_, i) => view.getUint16(2 * i, true) / 16);
+  };
+  const arcs = (film.arcs || []).map(numbers);
+  const ends = (film.ends || []).map(numbers);
   let timer = null;
+
+  function line(points, zoom, colour, opacity, width) {
+    pen.globalAlpha = opacity;
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.lineJoin = pen.lineCap = "round";
+    pen.beginPath();
+    for (let i = 0; i < points.length; i += 2) pen.lineTo(points[i] * zoom, points[i + 1] * zoom);
+    pen.stroke();
+    pen.globalAlpha = 1;
+  }
+
+  function drawArcs(number, zoom) {
+    const route = film.routes[number];
+    const now = film.shown[number];
+    // Earlier arcs fade, the latest last; a route has none behind it.
+    for (let back = film.fading.length; !route && back > 0; back -= 1) {
+      if (now - back >= 0) line(arcs[now - back], zoom, film.laid, film.fading[back - 1], 2);
+    }
+    line(arcs[now], zoom, "#fff", 0.9, 5);
+    line(arcs[now], zoom, route ? film.route : film.laid, 1, 3);
+    ends.forEach(([x, y], i) => {
+      pen.beginPath();
+      pen.arc(x * zoom, y * zoom, 5.5, 0, 7);
+      pen.fillStyle = "#fff";
+      pen.fill();
+      pen.strokeStyle = pen.fillStyle = "#23262b";
+      pen.lineWidth = 2;
+      pen.stroke();
+      if (i === 1) {
+        pen.beginPath();
+        pen.arc(x * zoom, y * zoom, 3, 0, 7);
+        pen.fill();
+      }
+    });
+  }
 
   function draw() {
     const frame = frames[Number(at.value)];
@@ -32,6 +75,7 @@
         pen.fill();
       }
     }
+    if (arcs.length) drawArcs(Number(at.value), zoom);
     words.textContent = frame.words;
   }
 

@@ -1,7 +1,7 @@
 """A swarm at work, as a GIF and as one HTML page that plays without anything else.
 
 Both show the same pictures: grey relief below, on it what the agents have looked at, their pellets, the nests in
-colours of their own, and the agents as dots. Equal frames give equal bytes.
+colours of their own, the agents as dots, and for a planner's swarm the arc. Equal frames give equal bytes.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ import html
 import io
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swathe.errors import InvalidParameterError
+from swathe.report import arcs
 from swathe.report.output import replacing
-from swathe.report.palette import INK_COLOUR
+from swathe.report.palette import INK_COLOUR, ROUTE_COLOUR
 from swathe.swarm import run_swarm
 
 if TYPE_CHECKING:
@@ -29,16 +30,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL import Image, ImageFont
 
-    from swathe.grid import GridGeometry
+    from swathe.grid import GridGeometry, Position
+    from swathe.planner import Plan
     from swathe.rank import Region
     from swathe.swarm import Frame, SwarmParams
 
 #: Blocks per side above which frames are taken coarser.
 MOST_BLOCKS = 400
 
+#: Frames of a planner's animation.
+MOST_FRAMES = 72
+
 _LONG_SIDE_PX = 640
 _HEAD_PX, _FOOT_PX, _EDGE_PX = 58, 58, 14
 _FRAME_MS, _LAST_MS = 110, 2600
+
+#: Ground that is shown around where something happens, in blocks and as a share of that.
+_LEAST_MARGIN, _MARGIN_SHARE = 6, 0.06
 _PAPER = (246, 246, 243)
 _FAINT = (98, 104, 115)
 
@@ -71,13 +79,18 @@ _LEGEND = (
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """What an animation shows: the ground, and frames of one swarm on it from first to last."""
+    """What an animation shows: the ground, frames of one swarm on it from first to last, and start and goal if any.
+
+    ``map_cells`` are the cells of the whole map where the ground shown is a part of it.
+    """
 
     geometry: GridGeometry
     elevation_m: NDArray[np.float32]
     frames: Sequence[Frame]
     title: str
     subtitle: str
+    ends: tuple[Position, ...] = ()
+    map_cells: int | None = None
 
     def __post_init__(self) -> None:
         if not self.frames:
@@ -118,16 +131,78 @@ def animate(
         frame_every=frame_ticks(last),
         frame_step=frame_step(region.geometry),
     )
-    rows, columns = region.geometry.shape
-    film = Film(
-        region.geometry,
-        region.elevation_m,
-        frames,
-        f"{params.agents:,} termites look for ground that the {region.vehicle.name} can cross",
-        f"{source}: {rows} x {columns} cells of {region.geometry.cell_size_m:g} m, seed {params.seed}",
-    )
+    title = f"{params.agents:,} termites look for ground that the {region.vehicle.name} can cross"
+    film = Film(region.geometry, region.elevation_m, frames, title, _subtitle(region, params, source))
     write_gif(folder / "animation.gif", film)
     write_page(folder / "animation.html", film)
+
+
+def animate_plan(
+    folder: Path, region: Region, params: SwarmParams, answer: Plan, ends: tuple[Position, Position], *, source: str
+) -> None:
+    """Write ``animation.gif`` and ``animation.html`` of a planner at work, whose answer brought frames.
+
+    The last picture shows the route, if there is one.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    frames = list(answer.frames)
+    if answer.route is not None and len(answer.route.legs):
+        frames.append(replace(frames[-1], arc=answer.route.xy_m, is_route=True, agents=frames[-1].agents[:0]))
+    title = f"{params.agents:,} termites look for a way for the {region.vehicle.name}"
+    subtitle = _subtitle(region, params, source)
+    film = _zoomed(Film(region.geometry, region.elevation_m, frames, title, subtitle, ends))
+    write_gif(folder / "animation.gif", film)
+    write_page(folder / "animation.html", film)
+
+
+def _zoomed(film: Film) -> Film:
+    """Return the film of the part of the map where something happens."""
+    rows, columns = film.frames[0].seen.shape
+    step = film.frames[0].step
+    happens = np.zeros((rows, columns), dtype=np.bool_)
+    for frame in film.frames:
+        happens |= frame.seen > _UNSEEN
+        points = np.empty((0, 2)) if frame.arc is None else arcs.in_blocks(film.geometry, step, frame.arc)
+        points = np.concatenate([points, arcs.in_blocks(film.geometry, step, np.array(film.ends))])
+        x, y = points.astype(np.int64).T
+        happens[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
+    sides = []
+    for axis, count in ((1, rows), (0, columns)):
+        (at,) = np.nonzero(happens.any(axis=axis))
+        margin = max(_LEAST_MARGIN, round(_MARGIN_SHARE * (at[-1] - at[0])))
+        sides.append((max(0, int(at[0]) - margin), min(count, int(at[-1]) + 1 + margin)))
+    (top, bottom), (left, right) = sides
+    part = (slice(top, bottom), slice(left, right))
+    cells = tuple(slice(side.start * step, side.stop * step) for side in part)
+    elevation_m = film.elevation_m[cells]
+    return replace(
+        film,
+        geometry=film.geometry.window(top * step, left * step, *elevation_m.shape),
+        elevation_m=elevation_m,
+        frames=[_cut(frame, part) for frame in film.frames],
+        map_cells=film.geometry.cell_count,
+    )
+
+
+def _cut(frame: Frame, part: tuple[slice, slice]) -> Frame:
+    low = np.array([side.start for side in part])
+    high = np.array([side.stop for side in part])
+    agents = frame.agents.astype(np.int64)
+    agents = agents[((agents >= low) & (agents < high)).all(axis=1)] - low
+    return replace(
+        frame,
+        seen=np.ascontiguousarray(frame.seen[part]),
+        pellets=np.ascontiguousarray(frame.pellets[part]),
+        nests=np.ascontiguousarray(frame.nests[part]),
+        agents=agents.astype(np.uint32),
+    )
+
+
+def _subtitle(region: Region, params: SwarmParams, source: str) -> str:
+    rows, columns = region.geometry.shape
+    return f"{source}: {rows} x {columns} cells of {region.geometry.cell_size_m:g} m, seed {params.seed}"
 
 
 def frame_step(geometry: GridGeometry) -> int:
@@ -146,18 +221,19 @@ def write_gif(path: Path | str, film: Film) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    from PIL import Image
+    from PIL import Image, ImageColor
 
     base = _relief(film)
-    pictures = [_sheet(film, base, frame) for frame in film.frames]
+    pictures = [_sheet(film, base, number) for number in range(len(film.frames))]
     sample = Image.new("RGB", (pictures[0].width, pictures[0].height * 3))
     for place, picture in enumerate((pictures[0], pictures[len(pictures) // 2], pictures[-1])):
         sample.paste(picture, (0, place * picture.height))
     mixed = sample.quantize(120, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).getpalette() or []
     # The colours of the key are kept as they are, however few pixels have them.
     key = [channel for code, _ in _LEGEND for channel in _OVERLAY[code][:3]]
+    lines = [channel for colour in _line_colours(film) for channel in ImageColor.getrgb(colour)[:3]]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*key, *_PAPER, *mixed[: 3 * 120]])
+    palette.putpalette([*key, *lines, *_PAPER, *mixed[: 3 * 120]])
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     times = [_FRAME_MS] * (len(indexed) - 1) + [_LAST_MS]
     with replacing(path) as stream:
@@ -185,17 +261,21 @@ def write_page(path: Path | str, film: Film) -> None:
         for frame in film.frames
     ]
     rows, columns = film.frames[0].seen.shape
-    data = json.dumps({"rows": rows, "columns": columns, "frames": frames}, separators=(",", ":"))
+    laid = arcs.as_json(film.geometry, film.frames, film.ends)
+    data = json.dumps({"rows": rows, "columns": columns, "frames": frames, **laid}, separators=(",", ":"))
     legend = (
         "".join(f'<li><i class="c{code}"></i>{html.escape(name)}</li>' for code, name in _LEGEND)
         + '<li><i class="agent"></i>agent</li>'
+        + "".join(f'<li><i class="line {name}"></i>{name}</li>' for name, _ in _lines(film))
+        + ('<li><i class="end"></i>start</li><li><i class="end goal"></i>goal</li>' if film.ends else "")
     )
     style += "".join(
         f"\n.c{code} {{ background: rgb({red} {green} {blue}); }}"
         for code, _ in _LEGEND
         for red, green, blue, _alpha in (_OVERLAY[code],)
     )
-    last = _sheet(film, _relief(film), film.frames[-1])
+    style += "".join(f"\n.{name} {{ background: {colour}; }}" for name, colour in _lines(film))
+    last = _sheet(film, _relief(film), len(film.frames) - 1)
     policy = f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; script-src '{_hash(script)}'"
     page = f"""<!doctype html>
 <html lang="en">
@@ -233,10 +313,21 @@ def write_page(path: Path | str, film: Film) -> None:
         stream.write(page.encode("utf-8"))
 
 
+def _lines(film: Film) -> list[tuple[str, str]]:
+    """Return the name and colour of every kind of line that the frames show."""
+    kinds = {frame.is_route for frame in film.frames if frame.arc is not None}
+    names = ((False, "arc", arcs.LAID_COLOUR), (True, "route", ROUTE_COLOUR))
+    return [(name, colour) for is_route, name, colour in names if is_route in kinds]
+
+
+def _line_colours(film: Film) -> list[str]:
+    return [colour for _, colour in _lines(film)]
+
+
 def _words(film: Film, frame: Frame) -> str:
     """Return what a frame has come to, in words."""
     tally = frame.tally
-    share = tally.cells_evaluated / film.geometry.cell_count
+    share = tally.cells_evaluated / (film.map_cells or film.geometry.cell_count)
     nests = len(np.unique(frame.nests[frame.nests > 0]))
     return (
         f"tick {tally.ticks:,} \N{MIDDLE DOT} {tally.visits:,} visits \N{MIDDLE DOT} {share:.1%} of the map looked at "
@@ -282,12 +373,15 @@ def _relief(film: Film) -> Image.Image:
     return Image.fromarray(grey, mode="L").convert("RGB").resize((width, height), Image.Resampling.BILINEAR)
 
 
-def _sheet(film: Film, base: Image.Image, frame: Frame) -> Image.Image:
+def _sheet(film: Film, base: Image.Image, number: int) -> Image.Image:
     """Return one picture of the GIF: heading, ground, words and key."""
     from PIL import Image, ImageDraw
 
+    frame = film.frames[number]
     width, height = base.size
-    sheet = Image.new("RGB", (max(width, 560) + 2 * _EDGE_PX, height + _HEAD_PX + _FOOT_PX), _PAPER)
+    sheet = Image.new(
+        "RGB", (max(width, 640 if film.ends else 560) + 2 * _EDGE_PX, height + _HEAD_PX + _FOOT_PX), _PAPER
+    )
     colours = np.array(_OVERLAY, dtype=np.uint8)[_codes(frame)]
     overlay = Image.fromarray(colours, mode="RGBA").resize((width, height), Image.Resampling.NEAREST)
     ground = Image.alpha_composite(base.convert("RGBA"), overlay).convert("RGB")
@@ -296,6 +390,8 @@ def _sheet(film: Film, base: Image.Image, frame: Frame) -> Image.Image:
     for row, column in frame.agents.tolist():
         x, y = (column + 0.5) * zoom, (row + 0.5) * zoom
         pen.ellipse((x - 1.2, y - 1.2, x + 1.2, y + 1.2), fill=INK_COLOUR)
+    if frame.arc is not None:
+        ground = arcs.draw(ground, film.geometry, film.frames, number, ends=film.ends, font=_font(12, bold=True))
     sheet.paste(ground, (_EDGE_PX, _HEAD_PX))
     pen = ImageDraw.Draw(sheet)
     room = sheet.width - 2 * _EDGE_PX
@@ -310,6 +406,11 @@ def _sheet(film: Film, base: Image.Image, frame: Frame) -> Image.Image:
         x += 38 + _font(12).getlength(name)
     pen.ellipse((x + 4, below + 28, x + 9, below + 33), fill=INK_COLOUR)
     pen.text((x + 16, below + 22), "agent", _FAINT, _font(12))
+    x += 34 + _font(12).getlength("agent")
+    for name, colour in _lines(film):
+        pen.line((x, below + 30, x + 16, below + 30), fill=colour, width=3)
+        pen.text((x + 22, below + 22), name, _FAINT, _font(12))
+        x += 40 + _font(12).getlength(name)
     return sheet
 
 

@@ -132,11 +132,14 @@ def _tiles(summary: dict[str, Any]) -> str:
     add("Length", "length_m", wording.length(length_m), detour)
     add("Driving time", "duration_s", wording.duration(summary.get("duration_s")))
     add("Energy", "energy_j", wording.energy(summary.get("energy_j")))
+    add("Near no-go ground", "risk_s", wording.duration(summary.get("risk_s")), "weighted by nearness")
     add("Climb", "climb_m", wording.length(summary.get("climb_m")))
     add("Descent", "descent_m", wording.length(summary.get("descent_m")))
     add("Steepest grade", "max_grade", wording.percent(summary.get("max_grade")), _limit(summary, "grade_up"))
     add("Side slope", "max_side_slope", wording.percent(summary.get("max_side_slope")), _limit(summary, "side_slope"))
     add("Cost", "cost", wording.count(summary.get("cost")), _bound(summary))
+    if summary.get("objective"):
+        tiles.append(("Objective", str(summary["objective"]), "what the route saves"))
     add("Nests", "nest_count", wording.count(summary.get("nest_count")), "navigable regions")
     total, evaluated = number(summary.get("cells_total")), number(summary.get("cells_evaluated"))
     share = f"of {wording.count(total)}" if total else ""
@@ -205,6 +208,7 @@ def _legs(legs: Sequence[dict[str, Any]]) -> str:
         ("Speed", "right"),
         ("Time", "right"),
         ("Energy", "right"),
+        ("Risk", "right"),
         ("Why", "wide"),
     ]
     rows = [
@@ -218,6 +222,7 @@ def _legs(legs: Sequence[dict[str, Any]]) -> str:
             _text(wording.speed(leg.get("speed_mps"))),
             _text(wording.duration(leg.get("time_s"))),
             _text(wording.energy(leg.get("energy_j"))),
+            _text(wording.duration(leg.get("risk_s"))),
             _text(leg.get("reason") or ""),
         )
         for place, leg in enumerate(legs[:_MOST_LEGS], 1)

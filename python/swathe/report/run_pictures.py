@@ -58,7 +58,7 @@ def draw(
         nest_rings=[ring for outline in outlines for ring in (outline.exterior, *outline.holes)],
         swathe=None if swathe is None or is_guided else swathe[shown],
         arc_xy_m=None if corridor is None else corridor.arc_xy_m,
-        route_xy_m=None if plan is None or plan.route is None else plan.route.xy_m,
+        route_xy_m=None if plan is None else _shown_route(plan),
         start_xy_m=ends[0],
         goal_xy_m=ends[1],
         blocked_xy_m=None if plan is None else plan.place,
@@ -70,6 +70,13 @@ def draw(
     draw_map(folder / "map.png", picture, metadata=metadata)
     if plan is not None and plan.route is not None and plan.route.legs:
         _profile(folder / "profile.png", region, plan.route, summary, metadata)
+
+
+def _shown_route(plan: Plan) -> NDArray[np.float64] | None:
+    """Return the line of the route: the drivable path where there is one."""
+    if plan.route is None or plan.drivable is None:
+        return None if plan.route is None else plan.route.xy_m
+    return plan.drivable.poses[:, :2]
 
 
 def _view(geometry: GridGeometry, swathe: NDArray[np.bool_] | None) -> Window:

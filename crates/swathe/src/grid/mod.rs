@@ -1,10 +1,12 @@
 //! One geometry, many layers: cells, positions, layers and the iterators that walk them.
 
+mod distance;
 mod geometry;
 mod layer;
 mod segment;
 mod steps;
 
+pub use distance::{UNREACHED, squared_distances};
 pub use geometry::{Cell, GridError, GridGeometry, Position};
 pub use layer::{Layer, LayerView};
 pub use segment::{Piece, pieces, swept_cells};

@@ -3,11 +3,14 @@
 use crate::corridor::{ArcKind, Corridor};
 use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
-use crate::swarm::{SwarmParams, Tally};
+use crate::swarm::{Budget, StopRule, SwarmParams, Tally};
 
-use super::SegmentFacts;
+use super::drivable::DrivablePath;
+use super::path_kind::PathKind;
 use super::refusal::Refusal;
 use super::route::Route;
+use super::stop::StopReport;
+use super::{Objective, SegmentFacts};
 
 /// Which way regions are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +42,9 @@ pub struct Terrain<'a> {
     pub elevation_m: LayerView<'a, f32>,
     /// Soil class codes.
     pub soil: Option<LayerView<'a, u8>>,
+    /// The user's factor on the cost of each cell, at least 0; the ground is closed where it is NaN or infinite. Give the
+    /// ranker a zone there too, or nests will hold cells that no way may enter.
+    pub cost_factor: Option<LayerView<'a, f32>>,
     /// Whether the map goes on beyond these cells, which limits what can be certified.
     pub map_continues: bool,
 }
@@ -58,10 +64,23 @@ pub struct PlanRequest {
     pub arc: ArcKind,
     /// Width of the swathe; a quarter of the distance when not given.
     pub width_m: Option<f64>,
+    /// Which kind of path the route follows.
+    pub path: PathKind,
+    /// Headings at start and goal, counter-clockwise from east; free where not given. They hold for driven paths.
+    pub headings_rad: [Option<f64>; 2],
     /// Whether suitable ground outside the nests may be crossed, at three times the cost, when nothing else connects.
     pub bridge: bool,
     /// Whether the swathe is widened until the route is known to be the best of the whole map.
     pub certify: bool,
+    /// What the way should save.
+    pub objective: Objective,
+    /// Whether the way is charged, and kept within limits, as if driven back from goal to start.
+    pub reversed: bool,
+    /// When the swarm stops; where not given, when the route is good enough for the arc that is laid anew, and when the
+    /// swathe is finished for the others and for a certificate.
+    pub stop: Option<StopRule>,
+    /// What the swarm may spend; the cells of the coarse map behind [`ArcKind::Spine`] count.
+    pub budget: Budget,
 }
 
 /// What the swarm did.
@@ -78,9 +97,11 @@ pub struct SwarmReport {
 pub struct Plan {
     /// Route or refusal.
     pub answer: Result<Route, Refusal>,
+    /// The arcs that follow the route within the vehicle's turning radius, where it was asked for.
+    pub drivable: Option<DrivablePath>,
     /// Cells of the way before shortcuts.
     pub path: Vec<Cell>,
-    /// Cost of that way in seconds.
+    /// Cost of that way in seconds, weighted by the objective.
     pub path_cost: Option<f64>,
     /// Nothing can cost less than this.
     pub cost_lower_bound: Option<f64>,
@@ -98,6 +119,8 @@ pub struct Plan {
     pub swarm: Option<SwarmReport>,
     /// Cells whose rank was asked for, those of the coarse map included.
     pub cells_evaluated: u64,
+    /// How the swarm's search ended (swarm only).
+    pub stopped: Option<StopReport>,
 }
 
 impl Plan {
@@ -107,6 +130,7 @@ impl Plan {
                 legs: Vec::new(),
                 total: SegmentFacts::default(),
             }),
+            drivable: None,
             path: Vec::new(),
             path_cost: None,
             cost_lower_bound: None,
@@ -117,6 +141,7 @@ impl Plan {
             corridor: None,
             swarm: None,
             cells_evaluated: 0,
+            stopped: None,
         }
     }
 

@@ -11,17 +11,20 @@ use std::cell::Cell as Shared;
 use std::f64::consts::SQRT_2;
 
 use crate::corridor::Corridor;
-use crate::grid::{Cell, EIGHT, GridGeometry, Position, Step, disc};
+use crate::grid::{Cell, EIGHT, GridGeometry, Layer, Position, Step, disc};
 use crate::progress::silent;
 use crate::random::{philox, unit};
+use crate::rank::{CellSource, Ranker};
 use crate::soil::{SoilClass, Trafficability};
-use crate::swarm::{Colony, Ending};
+use crate::swarm::{Colony, StopRule};
 use crate::terrain::gradient_at;
 
 use super::PlannerError;
-use super::answer::{Plan, Stage, StageReport};
+use super::answer::{Plan, Stage};
 use super::plan::{MOST_TICKS, Planner, Searched};
 use super::search::{Search, StepGraph, search};
+use super::stop::StoppedBy;
+use super::watch::{Scene, Watch, centres};
 
 /// Mean distance of agents from the arc along each axis, in cells.
 const SPREAD_CELLS: f64 = 1.5;
@@ -49,7 +52,7 @@ const HOPE: f64 = 1.0;
 const DRAW: u32 = 0x5377_6174;
 
 /// Costs per metre as seen by the swarm, on a logarithmic scale of one byte; 0 is not seen.
-struct Paces {
+pub(super) struct Paces {
     codes: Vec<Shared<u8>>,
     sum: f64,
     count: f64,
@@ -66,6 +69,11 @@ impl Paces {
             count: 0.0,
             least,
         }
+    }
+
+    /// For those who do not ask.
+    pub(super) fn none() -> Self {
+        Self::new(0, 1.0)
     }
 
     fn learn(&mut self, index: usize, pace: f64) {
@@ -95,12 +103,40 @@ impl Paces {
 }
 
 /// The map as hoped for: what is no nest is closed, what is not seen costs the mean.
-struct Hope<'a, 'b> {
-    colony: &'a Colony<&'b crate::rank::Ranker<'b>>,
+pub(super) struct Hope<'a, 'b> {
+    colony: &'a Colony<&'b Ranker<'b>>,
     codes: &'a [Shared<u8>],
     table: [f64; 256],
     geometry: GridGeometry,
     goal: Cell,
+    /// Whether only what is known to be a nest is open.
+    known_only: bool,
+}
+
+impl<'a, 'b> Hope<'a, 'b> {
+    pub(super) fn new(colony: &'a Colony<&'b Ranker<'b>>, paces: &'a Paces, goal: Cell, known_only: bool) -> Self {
+        Self {
+            colony,
+            codes: &paces.codes,
+            table: paces.table(),
+            geometry: colony.source().geometry(),
+            goal,
+            known_only,
+        }
+    }
+
+    /// The cheapest way to the goal.
+    pub(super) fn search(&self, start: Cell) -> Search {
+        search(self, start, self.goal, &mut silent())
+    }
+
+    fn is_open(&self, cell: Cell) -> bool {
+        if self.known_only {
+            self.colony.is_nest(cell)
+        } else {
+            self.colony.may_be_nest(cell)
+        }
+    }
 }
 
 impl StepGraph for Hope<'_, '_> {
@@ -117,7 +153,7 @@ impl StepGraph for Hope<'_, '_> {
         let open = |rows, columns| {
             self.geometry
                 .offset(from, rows, columns)
-                .filter(|&near| self.colony.may_be_nest(near))
+                .filter(|&near| self.is_open(near))
         };
         let Some(to) = open(rows, columns) else {
             return f64::INFINITY;
@@ -139,46 +175,64 @@ impl StepGraph for Hope<'_, '_> {
     }
 }
 
+/// How laying arcs ended.
+enum Laid {
+    /// This one lies in nests from end to end.
+    Through(Vec<Cell>),
+    /// No way is left.
+    Nothing,
+    /// A budget is spent.
+    Spent(StoppedBy),
+}
+
 impl Planner<'_> {
     /// Plans with agents deployed around an arc that is laid anew whenever more is known.
-    pub(super) fn with_guided_swarm(&self, mut answer: Plan, report: &mut StageReport) -> Result<Plan, PlannerError> {
-        if !report(Stage::Corridor, 0, 1) {
-            return Err(PlannerError::Stopped);
-        }
+    pub(super) fn with_guided_swarm(&self, mut answer: Plan, watch: &mut Watch) -> Result<Plan, PlannerError> {
+        watch.tell(Stage::Corridor, 0, 1)?;
         let geometry = self.geometry();
-        let everywhere = crate::grid::Layer::filled(geometry, true);
+        let everywhere = Layer::filled(geometry, true);
         let mut colony = Colony::deploy(self.ranker, &everywhere, self.request.swarm)?;
         drop(everywhere);
+        colony.stop_by(StopRule::Finished, self.request.budget)?;
         colony.watch(self.ends[0], self.ends[1]);
-        let mut paces = Paces::new(geometry.cell_count(), 1.0 / self.vehicle.max_speed_mps);
-        let reach = (self.settled_radius_m() / geometry.cell_size_m()).ceil();
-        for end in self.ends {
-            self.settle_around(&mut colony, &mut paces, &[end], reach);
+        let mut paces = self.paces();
+        if let Some(by) = self.settle_ends(&mut colony, &mut paces, watch) {
+            return self.answer_early(answer, colony, by, watch);
         }
         let nests = colony.take_nests()?;
         let Ok(ends) = self.snap(&nests, false) else {
             // Everything that decides whether the vehicle can stand there is settled.
             answer.note(&colony.tally());
-            return self.finish(answer, nests, Searched::Part, report);
+            answer = self.finish(answer, nests, Searched::Part, watch)?;
+            answer.note_stop(&colony, StoppedBy::Finished);
+            return Ok(answer);
         };
         colony.give_nests(&nests);
         drop(nests);
         let (start, goal) = (ends.start.0, ends.goal.0);
-        let Some(arc) = self.connect(&mut colony, &mut paces, start, goal, report)? else {
-            return self.give_up(answer, colony, report);
+        let arc = match self.connect(&mut colony, &mut paces, start, goal, watch)? {
+            Laid::Through(arc) => arc,
+            Laid::Nothing => return self.go_on(answer, colony, StopRule::Finished, watch),
+            Laid::Spent(by) => return self.answer_early(answer, colony, by, watch),
         };
-        drop(paces.codes.split_off(0));
-        let way = self.polish(&mut colony, arc, report)?;
-        let points: Vec<Position> = way.iter().map(|&cell| geometry.centre(cell)).collect();
-        answer.corridor = Some(Corridor::around(
-            geometry,
-            &points,
-            2.0 * POLISH_CELLS * geometry.cell_size_m(),
-        ));
+        drop(paces);
+        let (way, by) = match self.rule() {
+            StopRule::Good => self.polish(&mut colony, arc, watch)?,
+            StopRule::Connected => (arc, Some(StoppedBy::Connected)),
+            rule @ (StopRule::Finished | StopRule::Statistical { .. }) => {
+                return self.go_on(answer, colony, rule, watch);
+            }
+        };
+        let by = by.unwrap_or(StoppedBy::Good);
+        if by.is_budget() {
+            return self.answer_early(answer, colony, by, watch);
+        }
+        answer.corridor = Some(self.corridor_around(&way));
         answer.note(&colony.tally());
         let nests = colony.take_nests()?;
-        answer = self.finish(answer, nests, Searched::Part, report)?;
+        answer = self.finish(answer, nests, Searched::Part, watch)?;
         if answer.answer.is_ok() {
+            answer.note_stop(&colony, by);
             return Ok(answer);
         }
         // The nests connect, but the vehicle's limits do not let it through here: everything else is tried.
@@ -186,60 +240,107 @@ impl Planner<'_> {
             colony.give_nests(&nests);
         }
         answer.corridor = None;
-        self.give_up(answer, colony, report)
+        self.go_on(answer, colony, StopRule::Finished, watch)
     }
 
-    /// Settles the whole map and answers from that.
-    fn give_up(
+    /// Goes on all over the map until a rule ends that, and answers from what is known then.
+    fn go_on(
         &self,
         mut answer: Plan,
-        mut colony: Colony<&crate::rank::Ranker<'_>>,
-        report: &mut StageReport,
+        mut colony: Colony<&Ranker<'_>>,
+        rule: StopRule,
+        watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
-        let ending = colony.run(MOST_TICKS, &mut |done, total| report(Stage::Regions, done, total));
-        if ending == Ending::Stopped {
-            return Err(PlannerError::Stopped);
+        colony.stop_by(rule, self.request.budget)?;
+        let by = Self::run(&mut colony, MOST_TICKS, None, watch)?;
+        if by != StoppedBy::Finished {
+            return self.answer_early(answer, colony, by, watch);
         }
         answer.note(&colony.tally());
         let nests = colony.take_nests()?;
-        self.finish(answer, nests, Searched::Whole, report)
+        answer = self.finish(answer, nests, Searched::Whole, watch)?;
+        answer.note_stop(&colony, by);
+        Ok(answer)
     }
 
-    /// Lays arcs and deploys agents around them until one lies in nests from end to end; `None` when no way is left.
+    /// Answers from what is known when the search was ended.
+    fn answer_early(
+        &self,
+        mut answer: Plan,
+        mut colony: Colony<&Ranker<'_>>,
+        by: StoppedBy,
+        watch: &mut Watch,
+    ) -> Result<Plan, PlannerError> {
+        answer.note(&colony.tally());
+        let nests = colony.take_nests()?;
+        answer = self.finish(answer, nests, Searched::Early(by), watch)?;
+        if answer.answer.is_ok() {
+            answer.corridor = Some(self.corridor_around(&answer.path));
+        }
+        answer.note_stop(&colony, by);
+        Ok(answer)
+    }
+
+    fn corridor_around(&self, way: &[Cell]) -> Corridor {
+        let geometry = self.geometry();
+        let width_m = 2.0 * POLISH_CELLS * geometry.cell_size_m();
+        Corridor::around(geometry, &centres(geometry, way), width_m)
+    }
+
+    pub(super) fn paces(&self) -> Paces {
+        Paces::new(self.geometry().cell_count(), self.least_pace())
+    }
+
+    /// Which budget is spent.
+    fn spent(colony: &Colony<&Ranker<'_>>, watch: &mut Watch) -> Option<StoppedBy> {
+        let spent = colony.spent().map(StoppedBy::from_ending);
+        spent.or_else(|| watch.time_is_over().then_some(StoppedBy::Seconds))
+    }
+
+    /// Settles everything that decides where the vehicle stands at start and goal, or returns which budget is spent.
+    pub(super) fn settle_ends(
+        &self,
+        colony: &mut Colony<&Ranker<'_>>,
+        paces: &mut Paces,
+        watch: &mut Watch,
+    ) -> Option<StoppedBy> {
+        let reach = (self.settled_radius_m() / self.geometry().cell_size_m()).ceil();
+        self.ends
+            .iter()
+            .find_map(|&end| self.settle_around(colony, paces, &[end], reach, watch))
+    }
+
+    /// Lays arcs and deploys agents around them until one lies in nests from end to end.
     fn connect(
         &self,
-        colony: &mut Colony<&crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&Ranker<'_>>,
         paces: &mut Paces,
         start: Cell,
         goal: Cell,
-        report: &mut StageReport,
-    ) -> Result<Option<Vec<Cell>>, PlannerError> {
+        watch: &mut Watch,
+    ) -> Result<Laid, PlannerError> {
         let geometry = self.geometry();
         let total = geometry.centre(start).distance_m(geometry.centre(goal));
         let (mut tick, mut idle) = (0u32, 0);
         let mut arc: Vec<Cell> = Vec::new();
+        let mut line: Vec<Position> = Vec::new();
         loop {
             let broken = !arc.iter().all(|&cell| colony.may_be_nest(cell));
             if broken || tick.is_multiple_of(KEEP_TICKS) {
-                let hope = Hope {
-                    colony,
-                    codes: &paces.codes,
-                    table: paces.table(),
-                    geometry,
-                    goal,
-                };
-                let Search::Found { cells, .. } = search(&hope, start, goal, &mut silent()) else {
-                    return Ok(None);
+                let Search::Found { cells, .. } = Hope::new(colony, paces, goal, false).search(start) else {
+                    return Ok(Laid::Nothing);
                 };
                 arc = cells;
+                line = centres(geometry, &arc);
             }
             let unsettled: Vec<Cell> = arc.iter().copied().filter(|&cell| !colony.is_nest(cell)).collect();
             let settled = 1.0 - unsettled.len() as f64 / arc.len() as f64;
-            if !report(Stage::Regions, (settled * total) as u64, total as u64) {
-                return Err(PlannerError::Stopped);
-            }
+            watch.tell(Stage::Regions, (settled * total) as u64, total as u64)?;
             if unsettled.is_empty() {
-                return Ok(Some(arc));
+                return Ok(Laid::Through(arc));
+            }
+            if let Some(by) = Self::spent(colony, watch) {
+                return Ok(Laid::Spent(by));
             }
             let before = colony.open_count();
             let sent = if idle >= PATIENCE {
@@ -249,6 +350,13 @@ impl Planner<'_> {
             };
             colony.send(&sent);
             self.see(colony, paces, &sent);
+            let scene = Scene {
+                arc: &line,
+                width_m: None,
+                is_route: false,
+                sent: Some(&sent),
+            };
+            watch.picture(colony, &scene, false);
             tick += 1;
             idle = if colony.open_count() < before { 0 } else { idle + 1 };
         }
@@ -275,14 +383,15 @@ impl Planner<'_> {
         (0..agents.min(most)).map(place).collect()
     }
 
-    /// Settles every cell within a distance of some cells.
+    /// Settles every cell within a distance of some cells, or returns which budget is spent.
     fn settle_around(
         &self,
-        colony: &mut Colony<&crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&Ranker<'_>>,
         paces: &mut Paces,
         cells: &[Cell],
         radius_cells: f64,
-    ) {
+        watch: &mut Watch,
+    ) -> Option<StoppedBy> {
         let geometry = self.geometry();
         let steps = disc(radius_cells);
         loop {
@@ -291,7 +400,11 @@ impl Planner<'_> {
                 .flat_map(|&cell| steps.iter().filter_map(move |step| step.from(&geometry, cell)));
             let mut open: Vec<Cell> = near.filter(|&cell| colony.is_open(cell)).collect();
             if open.is_empty() {
-                return;
+                return None;
+            }
+            let spent = Self::spent(colony, watch);
+            if spent.is_some() {
+                return spent;
             }
             open.sort_unstable();
             open.dedup();
@@ -303,7 +416,7 @@ impl Planner<'_> {
     }
 
     /// Learns the costs of cells that turned out suitable.
-    fn see(&self, colony: &Colony<&crate::rank::Ranker<'_>>, paces: &mut Paces, cells: &[Cell]) {
+    pub(super) fn see(&self, colony: &Colony<&Ranker<'_>>, paces: &mut Paces, cells: &[Cell]) {
         let geometry = self.geometry();
         for &cell in cells {
             let index = geometry.index(cell);
@@ -313,36 +426,67 @@ impl Planner<'_> {
         }
     }
 
-    /// Seconds a metre over a cell when the heading is not known: the mean of up and down half its slope.
+    /// Cost of a metre over a cell when the heading is not known: the mean of up and down half its slope. Risk is left
+    /// out, since what lies beside a cell that was just seen is not known; polishing counts it.
     fn pace(&self, cell: Cell) -> f64 {
         let slope = gradient_at(self.terrain.elevation_m, cell).map_or(0.0, crate::terrain::Gradient::slope);
         let code = self.terrain.soil.map_or(0, |soil| soil[cell]);
         let class = SoilClass::ALL[usize::from(code)];
         let traffic = Trafficability::of(self.vehicle, class, self.params.moisture_percent);
-        let speed = |grade| super::ground::speed_mps(self.vehicle, &traffic, grade);
-        let seconds = |grade| speed(grade).map_or(0.0, |speed| 1.0 / speed);
-        f64::midpoint(seconds(slope / 2.0), seconds(-slope / 2.0))
+        let objective = &self.request.objective;
+        let cost = |grade| super::ground::cost_per_m(self.vehicle, &traffic, grade, objective).unwrap_or(0.0);
+        let mean = f64::midpoint(cost(slope / 2.0), cost(-slope / 2.0));
+        let factor = self.terrain.cost_factor.map_or(1.0, |factor| f64::from(factor[cell]));
+        mean * factor
     }
 
-    /// Settles everything near the best route and plans again until that gains next to nothing; returns the way.
-    fn polish(
+    /// The least cost of a metre that the swarm tells from others: at most a thousandth of the greatest of the user's
+    /// factors, where there are factors.
+    fn least_pace(&self) -> f64 {
+        let objective = &self.request.objective;
+        let idle = objective.energy * self.vehicle.idle_power_w / self.vehicle.power_w;
+        let flat = ((objective.time + idle) / self.vehicle.max_speed_mps).max(1e-9);
+        let Some(factors) = self.terrain.cost_factor else {
+            return flat;
+        };
+        let finite = factors.data().iter().copied().filter(|factor| factor.is_finite());
+        let (least, most) = finite.fold((f32::INFINITY, 0.0f32), |(least, most), factor| {
+            (least.min(factor), most.max(factor))
+        });
+        if most > 0.0 {
+            flat * f64::from(least).max(1e-3 * f64::from(most))
+        } else {
+            flat
+        }
+    }
+
+    /// Settles everything near the best route and plans again until that gains next to nothing; returns the way, and the
+    /// budget that ended it early.
+    pub(super) fn polish(
         &self,
-        colony: &mut Colony<&crate::rank::Ranker<'_>>,
+        colony: &mut Colony<&Ranker<'_>>,
         arc: Vec<Cell>,
-        report: &mut StageReport,
-    ) -> Result<Vec<Cell>, PlannerError> {
+        watch: &mut Watch,
+    ) -> Result<(Vec<Cell>, Option<StoppedBy>), PlannerError> {
         let mut way = arc;
         let mut best = f64::INFINITY;
-        let mut none = Paces::new(0, 1.0);
         for round in 0..MOST_POLISH {
-            if !report(Stage::Route, u64::from(round), u64::from(MOST_POLISH)) {
-                return Err(PlannerError::Stopped);
+            watch.tell(Stage::Route, u64::from(round), u64::from(MOST_POLISH))?;
+            let spent = self.settle_around(colony, &mut Paces::none(), &way, POLISH_CELLS, watch);
+            let scene = Scene {
+                arc: &centres(self.geometry(), &way),
+                width_m: None,
+                is_route: true,
+                sent: None,
+            };
+            watch.picture(colony, &scene, true);
+            if spent.is_some() {
+                return Ok((way, spent));
             }
-            self.settle_around(colony, &mut none, &way, POLISH_CELLS);
             let nests = colony.take_nests()?;
             let found = match self.snap(&nests, false) {
                 Ok(ends) if ends.connected => {
-                    let ground = self.ground(&nests, &ends, false);
+                    let ground = self.ground(&nests, &ends, false, &mut 0);
                     search(&ground, ends.start.0, ends.goal.0, &mut silent())
                 }
                 _ => Search::Unreachable,
@@ -356,6 +500,6 @@ impl Planner<'_> {
                 break;
             }
         }
-        Ok(way)
+        Ok((way, None))
     }
 }

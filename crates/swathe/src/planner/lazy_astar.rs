@@ -17,8 +17,11 @@ use crate::rank::CellSource;
 use crate::vehicle::Vehicle;
 
 use super::answer::Terrain;
+use super::clearance::Nearness;
+use super::plan::check_factor;
+use super::refusal::is_no_go;
 use super::search::{Search, StepGraph};
-use super::{Ground, PlannerError};
+use super::{Ground, Objective, PlannerError};
 
 /// Entries taken from the queue between two reports.
 const ENTRIES_PER_REPORT: u64 = 1 << 16;
@@ -37,6 +40,10 @@ pub struct LazyRequest {
     pub nest: NestParams,
     /// Weight of the bound, 1 (optimal) to 1000.
     pub weight: f64,
+    /// What the way should save.
+    pub objective: Objective,
+    /// Whether the way is charged, and kept within limits, as if driven back from goal to start.
+    pub reversed: bool,
 }
 
 /// What lazy A* has found and what it took.
@@ -58,6 +65,7 @@ mod flag {
     pub(super) const CORE: u8 = 8;
     pub(super) const NEST_KNOWN: u8 = 16;
     pub(super) const NEST: u8 = 32;
+    pub(super) const NO_GO: u8 = 64;
 }
 
 /// Nests that are looked at cell by cell, every rank asked for once.
@@ -100,8 +108,18 @@ impl<'a, Source: CellSource> LazyNests<'a, Source> {
             return flags & flag::SUITABLE > 0;
         }
         self.evaluated.set(self.evaluated.get() + 1);
-        let suitable = self.source.cell_rank(cell).rank() >= self.params.rank_min;
-        self.note(index, flag::EVALUATED, suitable, flag::SUITABLE)
+        let found = self.source.cell_rank(cell);
+        self.note(index, flag::EVALUATED, is_no_go(found), flag::NO_GO);
+        self.note(
+            index,
+            flag::EVALUATED,
+            found.rank() >= self.params.rank_min,
+            flag::SUITABLE,
+        )
+    }
+
+    fn is_no_go(&self, cell: Cell) -> bool {
+        !self.is_suitable(cell) && self.flags(self.geometry.index(cell)) & flag::NO_GO > 0
     }
 
     /// Whether the whole vicinity of a cell is suitable.
@@ -183,8 +201,10 @@ pub fn lazy_astar(
     if !(1.0..=MOST_WEIGHT).contains(&weight) {
         return Err(PlannerError::Weight { weight });
     }
+    request.objective.validate(geometry.cell_size_m())?;
+    check_factor(terrain.cost_factor)?;
     let nests = LazyNests::new(source, request.nest)?;
-    let ground = Ground::new(
+    let mut ground = Ground::new(
         terrain.elevation_m,
         terrain.soil,
         vehicle,
@@ -192,7 +212,18 @@ pub fn lazy_astar(
         |_| true,
         None,
         geometry.centre(goal),
-    );
+    )
+    .with_objective(request.objective);
+    if request.objective.risk > 0.0 {
+        let near = Nearness::new(geometry, ground.risk_reach_m(), |cell| nests.is_no_go(cell));
+        ground = ground.with_exposure(move |cell| near.exposure(cell));
+    }
+    if let Some(factor) = terrain.cost_factor {
+        ground = ground.with_factor(factor);
+    }
+    if request.reversed {
+        ground = ground.reversed(geometry.centre(goal));
+    }
     let mut expanded = 0;
     let search = if nests.is_nest(start) && nests.is_nest(goal) {
         run(&ground, &nests, request, &mut expanded, report)
@@ -268,7 +299,9 @@ fn run(
                 continue;
             };
             let next = geometry.index(near);
-            let hope = reached.cost[index] + hopeful_per_m * step.length_cells();
+            let length = step.length_cells();
+            let climb = ground.least_climb(here, near, length * geometry.cell_size_m()) * (1.0 - 1e-12);
+            let hope = reached.cost[index] + hopeful_per_m * length + climb;
             if !reached.settled[next] && hope < reached.cost[next] {
                 queue.push(Reverse((key(hope, near), true, next as u32, index as u32, k as u8)));
             }
@@ -295,6 +328,7 @@ mod tests {
     use super::*;
     use crate::grid::Layer;
     use crate::nest::{Contact, Vicinity, exact_nests};
+    use crate::planner::clearance::ClearanceField;
     use crate::planner::search;
     use crate::progress::silent;
     use crate::rank::RankMap;
@@ -324,6 +358,7 @@ mod tests {
         Terrain {
             elevation_m: elevation.view(),
             soil: None,
+            cost_factor: None,
             map_continues: false,
         }
     }
@@ -333,6 +368,7 @@ mod tests {
         fn it_costs_what_the_search_over_exact_nests_costs_and_the_weight_bounds_the_excess(
             seed: u64, height in 0.0f64..6.0, holes in 0u32..14, a in 0..ROWS * COLUMNS, b in 0..ROWS * COLUMNS,
             weight in 1.0f64..3.0, large: bool, corner: bool, border_suitable: bool, round: bool,
+            energy in 0.0f64..3.0, risk in prop_oneof![Just(0.0), 0.0f64..9.0], priced: bool, reversed: bool,
         ) {
             let (elevation, ranks) = world(seed, height, holes);
             let geometry = elevation.geometry();
@@ -346,9 +382,25 @@ mod tests {
             let (start, goal) = (geometry.cell(a), geometry.cell(b));
             let exact = exact_nests(&ranks, None, &nest).unwrap();
             let labels = exact.labels().data();
-            let whole = Ground::new(
+            let factors = geometry.cells().map(|cell| match (cell.row * 7 + cell.column) % 11 {
+                0 => f32::NAN,
+                k => k as f32 / 4.0,
+            });
+            let factors = Layer::new(geometry, factors.collect(), "factors").unwrap();
+            let objective = Objective { energy, risk, ..Objective::default() };
+            let mut whole = Ground::new(
                 elevation.view(), None, &vehicle, 20.0, |index| labels[index] > 0, None, geometry.centre(goal),
-            );
+            )
+            .with_objective(objective);
+            let field = ClearanceField::new(&ranks, |index| labels[index] > 0, whole.risk_reach_m());
+            whole = whole.with_exposure(move |cell| field.exposure(cell));
+            let terrain = Terrain { cost_factor: priced.then(|| factors.view()), ..terrain(&elevation) };
+            if let Some(factor) = terrain.cost_factor {
+                whole = whole.with_factor(factor);
+            }
+            if reversed {
+                whole = whole.reversed(geometry.centre(goal));
+            }
             let ends_are_nests = exact.label(start) > 0 && exact.label(goal) > 0;
             let truth = if ends_are_nests {
                 search(&whole, start, goal, &mut silent())
@@ -356,8 +408,8 @@ mod tests {
                 Search::Unreachable
             };
             for weight in [1.0, weight] {
-                let request = LazyRequest { start, goal, nest, weight };
-                let found = lazy_astar(terrain(&elevation), &ranks, &vehicle, 20.0, &request, &mut silent()).unwrap();
+                let request = LazyRequest { start, goal, nest, weight, objective, reversed };
+                let found = lazy_astar(terrain, &ranks, &vehicle, 20.0, &request, &mut silent()).unwrap();
                 prop_assert!(found.cells_evaluated <= (ROWS * COLUMNS) as u64);
                 match (&truth, &found.search) {
                     (Search::Found { cost: least, .. }, Search::Found { cells, cost }) => {
@@ -390,6 +442,8 @@ mod tests {
                 goal: Cell::new(34, 90),
                 nest: NestParams::default(),
                 weight,
+                objective: Objective::default(),
+                reversed: false,
             };
             let found = lazy_astar(terrain(&elevation), &ranks, &tractor(), 20.0, &request, &mut silent()).unwrap();
             assert!(matches!(found.search, Search::Found { .. }));
@@ -411,6 +465,8 @@ mod tests {
                 goal,
                 nest: NestParams::default(),
                 weight,
+                objective: Objective::default(),
+                reversed: false,
             };
             lazy_astar(terrain(&elevation), &ranks, &pioneer(), 20.0, &request, &mut |_, _| {
                 go_on

@@ -1,17 +1,28 @@
 //! From nests to a route: search, shortcuts, certificate, and reasons when there is no way.
 
 mod answer;
+mod any_angle;
 mod cells;
+mod clearance;
+mod cost_segments;
+mod drivable;
+mod eikonal;
 mod ground;
 mod guided;
 mod lazy_astar;
+mod path_kind;
 mod plan;
 mod radix_heap;
+mod refine;
 mod refusal;
+mod repair;
 mod route;
 mod search;
 mod smooth;
 mod spine;
+mod stop;
+mod swathe;
+mod watch;
 
 use thiserror::Error;
 
@@ -22,14 +33,25 @@ use crate::rank::RankError;
 use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
+pub use any_angle::{AnyAngle, Way, WaySearch, any_angle};
 pub use cells::{Algorithm, Corners, CostCells, shortest_path};
-pub use ground::{BRIDGE_FACTOR, Ground, Obstacle, SegmentFacts};
+pub use cost_segments::{AnyAngleMethod, CostSegments, any_angle_path};
+pub use drivable::{
+    CurveArc, DrivableParams, DrivablePath, DrivenArc, DrivenPose, DrivenWay, Pose, drivable_path, drivable_way,
+    dubins, reeds_shepp,
+};
+pub use eikonal::eikonal_field;
+pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
-pub use plan::plan;
+pub use path_kind::PathKind;
+pub use plan::{plan, plan_watched};
 pub use refusal::{Refusal, Status};
+pub use repair::{ChangingCells, ChangingGraph, REPAIR_SHARE, Repair, RepairTally};
 pub use route::{Leg, Route};
 pub use search::{Search, StepGraph, cost_field, search};
 pub use smooth::shorten;
+pub use stop::{StopReport, StoppedBy};
+pub use watch::{ArcFrame, Film, Watch};
 
 /// What can be wrong with a planner request. "No route" is not an error but a [`Refusal`].
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -72,6 +94,38 @@ pub enum PlannerError {
     Weight {
         /// The value given.
         weight: f64,
+    },
+    /// A figure of a drivable path that is not usable.
+    #[error("A {name} of {given} is not usable: {allowed}.")]
+    Drivable {
+        /// What it is.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// An objective that no way can be measured by.
+    #[error("The objective's {name} of {given} is not usable: {allowed}.")]
+    Objective {
+        /// What of it.
+        name: &'static str,
+        /// The value given.
+        given: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A user's cost factor below zero.
+    #[error(
+        "The cost factor {factor} at cell ({row}, {column}) is negative: factors must be at least 0, NaN or infinite where closed."
+    )]
+    NegativeFactor {
+        /// Row of the cell.
+        row: usize,
+        /// Column of the cell.
+        column: usize,
+        /// Its factor.
+        factor: f32,
     },
     /// A start or goal that is not a place.
     #[error("The {name} ({x_m}, {y_m}) is not a place: both coordinates must be finite.")]

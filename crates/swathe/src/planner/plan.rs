@@ -1,19 +1,23 @@
 //! The whole of planning: corridor, swarm, nests, search, shortcuts, certificate.
 
-use crate::corridor::{ArcKind, Corridor, capsule_half_width_m};
-use crate::grid::{Cell, GridGeometry, Layer, Position};
+use crate::corridor::{ArcKind, capsule_half_width_m};
+use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position};
 use crate::nest::{BitRows, Nests, exact_nests};
 use crate::rank::{CellSource, RankParams, Ranker};
-use crate::swarm::{Colony, Ending};
+use crate::swarm::StopRule;
 use crate::vehicle::Vehicle;
 
-use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
+use super::answer::{Method, Plan, PlanRequest, Stage, StageReport, Terrain};
+use super::any_angle::{best_refined, centres, lazy_theta};
+use super::clearance::ClearanceField;
 use super::ground::Ground;
-use super::refusal::{Refusal, Status, blocked_end, disconnected};
+use super::path_kind::{EightNeighbours, PathKind};
+use super::refusal::{Refusal, Status, blocked_end, disconnected, limited};
 use super::route::Route;
 use super::search::{Search, search};
-use super::smooth::shorten;
-use super::spine::spine;
+use super::smooth::{drop_collinear, shorten};
+use super::stop::{StoppedBy, stopped_early};
+use super::watch::Watch;
 use super::{Obstacle, PlannerError};
 
 /// How far start and goal are moved to reach a nest, in cells.
@@ -34,8 +38,29 @@ pub fn plan(
     request: &PlanRequest,
     report: &mut StageReport,
 ) -> Result<Plan, PlannerError> {
+    let mut forever = || false;
+    let mut report = |stage, done, total| report(stage, done, total);
+    let mut watch = Watch::new(&mut report, &mut forever, None);
+    plan_watched(terrain, ranker, vehicle, params, request, &mut watch)
+}
+
+/// [`plan`] for as long as there is time, with pictures.
+///
+/// # Errors
+/// [`PlannerError`] when the request is not usable or the caller asked to stop.
+pub fn plan_watched(
+    terrain: Terrain,
+    ranker: &Ranker,
+    vehicle: &Vehicle,
+    params: &RankParams,
+    request: &PlanRequest,
+    watch: &mut Watch,
+) -> Result<Plan, PlannerError> {
     request.swarm.validate()?;
+    request.stop.map_or(Ok(()), StopRule::validate)?;
     let geometry = terrain.elevation_m.geometry();
+    request.objective.validate(geometry.cell_size_m())?;
+    check_factor(terrain.cost_factor)?;
     let mut answer = Plan::empty();
     let mut ends = Vec::new();
     for (name, place) in [("start", request.start), ("goal", request.goal)] {
@@ -58,18 +83,30 @@ pub fn plan(
     };
     match request.method {
         Method::Exact => {
-            if !report(Stage::Regions, 0, 1) {
-                return Err(PlannerError::Stopped);
-            }
+            watch.tell(Stage::Regions, 0, 1)?;
             let rank = ranker.rank_all();
             answer.cells_evaluated = geometry.cell_count() as u64;
             let nests = exact_nests(&rank, None, &request.swarm.nest)?;
-            planner.finish(answer, nests, Searched::Whole, report)
+            planner.finish(answer, nests, Searched::Whole, watch)
         }
-        Method::Swarm if request.arc == ArcKind::Relaid && !request.certify && request.width_m.is_none() => {
-            planner.with_guided_swarm(answer, report)
+        Method::Swarm if planner.is_guided() => planner.with_guided_swarm(answer, watch),
+        Method::Swarm => planner.with_swarm(answer, watch),
+    }
+}
+
+/// Checks a user's factor on costs.
+///
+/// # Errors
+/// [`PlannerError::NegativeFactor`] naming the first cell with a factor below zero.
+pub(super) fn check_factor(factor: Option<LayerView<f32>>) -> Result<(), PlannerError> {
+    let Some(factors) = factor else { return Ok(()) };
+    match factors.data().iter().position(|&factor| factor < 0.0) {
+        None => Ok(()),
+        Some(index) => {
+            let Cell { row, column } = factors.geometry().cell(index);
+            let factor = factors.data()[index];
+            Err(PlannerError::NegativeFactor { row, column, factor })
         }
-        Method::Swarm => planner.with_swarm(answer, report),
     }
 }
 
@@ -108,10 +145,12 @@ pub(super) enum Searched<'a> {
     Swathe(&'a Layer<bool>),
     /// Some around the route.
     Part,
+    /// Some, and the search for more was ended.
+    Early(StoppedBy),
 }
 
 impl Searched<'_> {
-    fn is_whole(&self) -> bool {
+    pub(super) fn is_whole(&self) -> bool {
         matches!(self, Self::Whole)
     }
 }
@@ -135,65 +174,19 @@ impl Planner<'_> {
         [self.request.start, self.request.goal]
     }
 
-    /// Runs the swarm in a swathe that is widened until start and goal connect, or the route is certified.
-    fn with_swarm(&self, mut answer: Plan, report: &mut StageReport) -> Result<Plan, PlannerError> {
-        let geometry = self.geometry();
-        if !report(Stage::Corridor, 0, 1) {
-            return Err(PlannerError::Stopped);
-        }
-        let [start, goal] = self.places();
-        let mut coarse_cells = 0;
-        let mut points = None;
-        if matches!(self.request.arc, ArcKind::Spine | ArcKind::Relaid) {
-            let found = spine(self.terrain, self.vehicle, self.params, [start, goal])?;
-            (points, coarse_cells) = (found.points, found.cells_evaluated);
-        }
-        let (arc, width_m) = (self.request.arc, self.request.width_m);
-        let mut corridor = Corridor::lay(geometry, start, goal, arc, width_m, || points)?;
-        let mut inside = corridor.cells(geometry);
-        let mut colony = Colony::deploy(self.ranker, &inside, self.request.swarm)?;
-        colony.watch(self.ends[0], self.ends[1]);
-        let mut widened = 0;
-        loop {
-            let ending = colony.run(MOST_TICKS, &mut |done, total| report(Stage::Regions, done, total));
-            if ending == Ending::Stopped {
-                return Err(PlannerError::Stopped);
-            }
-            let tally = colony.tally();
-            answer.swarm = Some(SwarmReport { tally, widened });
-            answer.cells_evaluated = tally.cells_evaluated + coarse_cells;
-            answer.corridor = Some(corridor.clone());
-            let nests = colony.take_nests()?;
-            let whole = inside.data().iter().all(|&inside| inside);
-            let ends = self.snap(&nests, whole);
-            let refused = ends.is_err() && corridor.width_m() >= 2.0 * self.settled_radius_m();
-            let connected = ends.is_ok_and(|ends| ends.connected);
-            if refused || connected || whole {
-                answer = self.finish(
-                    answer,
-                    nests,
-                    if whole {
-                        Searched::Whole
-                    } else {
-                        Searched::Swathe(&inside)
-                    },
-                    report,
-                )?;
-                let again = !whole && (answer.answer.is_err() || self.request.certify && !answer.optimal);
-                if refused || !again {
-                    return Ok(answer);
-                }
-                let nests = answer.nests.take();
-                let Some(nests) = nests else { return Ok(answer) };
-                colony.give_nests(&nests);
-            } else {
-                colony.give_nests(&nests);
-            }
-            corridor = corridor.widened();
-            widened += 1;
-            inside = corridor.cells(geometry);
-            colony.widen(&inside)?;
-        }
+    /// When the swarm stops: as asked, else when the route is good enough with an arc that is laid anew, and when the swathe
+    /// is finished with one that stays.
+    pub(super) fn rule(&self) -> StopRule {
+        let usual = if self.is_guided() {
+            StopRule::Good
+        } else {
+            StopRule::Finished
+        };
+        self.request.stop.unwrap_or(usual)
+    }
+
+    fn is_guided(&self) -> bool {
+        self.request.arc == ArcKind::Relaid && !self.request.certify && self.request.width_m.is_none()
     }
 
     /// Distance around start and goal within which the swathe decides nothing any more: what is a nest within the reach of
@@ -267,10 +260,17 @@ impl Planner<'_> {
         mut answer: Plan,
         nests: Nests,
         searched: Searched,
-        report: &mut StageReport,
+        watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
         let geometry = self.geometry();
-        let ends = match self.snap(&nests, searched.is_whole()) {
+        let snapped = self.snap(&nests, searched.is_whole());
+        if let Searched::Early(by) = searched
+            && !snapped.as_ref().is_ok_and(|ends| ends.connected)
+        {
+            answer.nests = Some(nests);
+            return Ok(answer.refused(stopped_early(by, self.request.budget)));
+        }
+        let ends = match snapped {
             Ok(ends) => ends,
             Err(status) => {
                 let which = usize::from(status == Status::GoalBlocked);
@@ -296,33 +296,41 @@ impl Planner<'_> {
             answer.nests = Some(nests);
             return Ok(answer.refused(refusal));
         }
-        if !report(Stage::Route, 0, 0) {
-            return Err(PlannerError::Stopped);
-        }
-        let ground = self.ground(&nests, &ends, bridging);
-        let found = search(&ground, ends.start.0, ends.goal.0, &mut |done, total| {
-            report(Stage::Route, done, total)
-        });
+        watch.tell(Stage::Route, 0, 0)?;
+        let ground = self.ground(&nests, &ends, bridging, &mut answer.cells_evaluated);
+        let (first, last) = (ends.start.0, ends.goal.0);
+        let mut tell = |done, total| watch.ask(Stage::Route, done, total);
+        let found = match self.request.path {
+            PathKind::Grid8 => search(&EightNeighbours(&ground), first, last, &mut tell),
+            PathKind::Grid16 | PathKind::AnyAngle | PathKind::Drivable | PathKind::Auto => {
+                search(&ground, first, last, &mut tell)
+            }
+        };
         match found {
             Search::Stopped => return Err(PlannerError::Stopped),
             Search::Unreachable => {
+                let limited = limited(&ground, &nests, [ends.start.0, ends.goal.0], self.vehicle);
                 drop(ground);
-                let refusal = self.why_disconnected(&nests, &ends);
+                let refusal = match searched {
+                    Searched::Early(by) => stopped_early(by, self.request.budget),
+                    _ => limited.unwrap_or_else(|| self.why_disconnected(&nests, &ends)),
+                };
                 answer.nests = Some(nests);
                 return Ok(answer.refused(refusal));
             }
             Search::Found { cells, cost } => {
                 answer.optimal = !bridging && self.is_optimal(searched, cost, &ends, &ground);
-                let route = self.route(&ground, &cells, &answer);
-                match route {
+                match self.route(&ground, &cells, &answer, watch)? {
                     Ok(route) => {
                         let ends = (route.legs.first(), route.legs.last());
-                        let direct_m = match ends {
-                            (Some(first), Some(last)) => first.from.distance_m(last.to),
+                        let least = match ends {
+                            (Some(first), Some(last)) => {
+                                ground.least_cost(first.from, last.to, first.from.distance_m(last.to))
+                            }
                             _ => 0.0,
                         };
-                        answer.cost_lower_bound = Some(ground.least_cost_per_m() * direct_m);
-                        answer.answer = Ok(route);
+                        answer.cost_lower_bound = Some(least);
+                        answer = self.driven(&ground, route, answer, watch)?;
                     }
                     Err(_) => unreachable_segment(&mut answer),
                 }
@@ -343,22 +351,19 @@ impl Planner<'_> {
         }
     }
 
-    pub(super) fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool) -> Ground<'_> {
+    /// The ground of the nest that holds the start, or of all nests and what bridges them, priced by the objective. Cells
+    /// whose rank the pricing asks for are added to `evaluated`.
+    pub(super) fn ground(&self, nests: &Nests, ends: &Ends, bridging: bool, evaluated: &mut u64) -> Ground<'_> {
         let geometry = self.geometry();
         let labels = nests.labels().data();
         let nest = nests.label(ends.start.0);
         let goal = geometry.centre(ends.goal.0);
         let Terrain { elevation_m, soil, .. } = self.terrain;
         if !bridging {
-            return Ground::new(
-                elevation_m,
-                soil,
-                self.vehicle,
-                self.params.moisture_percent,
-                |index| labels[index] == nest,
-                None,
-                goal,
-            );
+            let is_open = |index: usize| labels[index] == nest;
+            let moisture = self.params.moisture_percent;
+            let ground = Ground::new(elevation_m, soil, self.vehicle, moisture, is_open, None, goal);
+            return self.priced(ground, is_open, ends, evaluated);
         }
         let rank_min = self.request.swarm.nest.rank_min;
         let bridged = BitRows::from_fn(geometry, |row, column| {
@@ -366,15 +371,44 @@ impl Planner<'_> {
             nests.label(cell) == 0 && self.ranker.cell_rank(cell).rank() >= rank_min
         });
         let open = bridged.clone();
-        Ground::new(
+        let is_open = |index: usize| labels[index] > 0 || open.get(geometry.cell(index));
+        let ground = Ground::new(
             elevation_m,
             soil,
             self.vehicle,
             self.params.moisture_percent,
-            |index| labels[index] > 0 || open.get(geometry.cell(index)),
+            is_open,
             Some(bridged),
             goal,
-        )
+        );
+        self.priced(ground, is_open, ends, evaluated)
+    }
+
+    /// Lets a ground cost what the request says.
+    fn priced<'a>(
+        &self,
+        ground: Ground<'a>,
+        is_open: impl Fn(usize) -> bool + Sync,
+        ends: &Ends,
+        evaluated: &mut u64,
+    ) -> Ground<'a>
+    where
+        Self: 'a,
+    {
+        let mut ground = ground.with_objective(self.request.objective);
+        if self.request.objective.risk > 0.0 {
+            let field = ClearanceField::new(self.ranker, is_open, ground.risk_reach_m());
+            let all = self.geometry().cell_count() as u64;
+            *evaluated = (*evaluated + field.cells_evaluated).min(all.max(*evaluated));
+            ground = ground.with_exposure(move |cell| field.exposure(cell));
+        }
+        if let Some(factor) = self.terrain.cost_factor {
+            ground = ground.with_factor(factor);
+        }
+        if self.request.reversed {
+            ground = ground.reversed(self.geometry().centre(ends.goal.0));
+        }
+        ground
     }
 
     fn why_disconnected(&self, nests: &Nests, ends: &Ends) -> Refusal {
@@ -395,7 +429,7 @@ impl Planner<'_> {
         let mut half_m = match searched {
             Searched::Whole => f64::INFINITY,
             Searched::Swathe(inside) => capsule_half_width_m(inside, start, goal),
-            Searched::Part => 0.0,
+            Searched::Part | Searched::Early(_) => 0.0,
         };
         if self.terrain.map_continues {
             let rim = geometry.cells().filter(|cell| {
@@ -410,19 +444,38 @@ impl Planner<'_> {
         // Within two vicinities of the border nests can be smaller than they would be on the whole map.
         half_m = (half_m - (2.0 * self.vicinity_reach() + 1.0) * geometry.cell_size_m()).max(0.0);
         let direct_m = start.distance_m(goal);
-        cost <= ground.least_cost_per_m() * direct_m.hypot(2.0 * half_m)
+        // All of the map was searched, or the bound of a way that has to leave it decides.
+        half_m.is_infinite() || cost <= ground.least_cost(start, goal, direct_m.hypot(2.0 * half_m))
     }
 
-    /// Shortens the way and joins the exact ends to it where that can be driven.
-    fn route(&self, ground: &Ground, cells: &[Cell], answer: &Plan) -> Result<Route, Obstacle> {
-        let geometry = self.geometry();
-        let centres: Vec<Position> = cells.iter().map(|&cell| geometry.centre(cell)).collect();
-        let mut points = shorten(ground, &centres);
+    /// Makes the kind of path that was asked for of the way, with the exact ends joined to it where that can be driven.
+    fn route(
+        &self,
+        ground: &Ground,
+        cells: &[Cell],
+        answer: &Plan,
+        watch: &mut Watch,
+    ) -> Result<Result<Route, Obstacle>, PlannerError> {
         let exact = [answer.start, answer.goal].map(|end| end.map(|end| end.0));
-        if let [Some(start), Some(goal)] = exact {
-            points = join(ground, points, start, goal);
-        }
-        Route::evaluate(ground, self.ranker, &points, self.vehicle.max_speed_mps)
+        let joined = |points| match exact {
+            [Some(start), Some(goal)] => join(ground, points, start, goal),
+            _ => points,
+        };
+        let steps = centres(ground, cells);
+        let points = match self.request.path {
+            PathKind::Grid8 => joined(drop_collinear(&steps)),
+            PathKind::Grid16 | PathKind::Drivable | PathKind::Auto => joined(shorten(ground, &steps)),
+            PathKind::AnyAngle => {
+                let mut tell = |done, total| watch.ask(Stage::Route, done, total);
+                let (first, last) = (cells[0], cells[cells.len() - 1]);
+                let sighted = lazy_theta(ground, first, last, &mut tell).ok_or(PlannerError::Stopped)?;
+                let ways = [joined(shorten(ground, &steps)), joined(centres(ground, &sighted))];
+                let best = best_refined(ground, &ways, &mut tell).ok_or(PlannerError::Stopped)?;
+                best.points
+            }
+        };
+        let max_speed_mps = self.vehicle.max_speed_mps;
+        Ok(Route::evaluate(ground, self.ranker, &points, max_speed_mps))
     }
 }
 
@@ -462,5 +515,7 @@ fn join(ground: &Ground, mut points: Vec<Position>, start: Position, goal: Posit
     points
 }
 
+#[cfg(test)]
+mod stop_tests;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! Negative answers: what is in the way, where, and the nearest thing that would change it.
 
-use crate::grid::{Cell, Layer, LayerView, Position};
+use crate::grid::{Cell, EIGHT, GridGeometry, Layer, LayerView, Position, Step};
 use crate::nest::Nests;
 use crate::progress::silent;
 use crate::rank::{CellRank, CellSource, Reason};
@@ -8,7 +8,8 @@ use crate::terrain::gradient_at;
 use crate::vehicle::Vehicle;
 
 use super::cells::{Algorithm, Corners, shortest_path};
-use super::search::Search;
+use super::ground::{Ground, Obstacle};
+use super::search::{Search, StepGraph, search};
 
 /// How planning ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,6 +70,11 @@ fn describe(found: CellRank) -> String {
         Reason::None if found.rank() >= crate::rank::RANK_MIN_GATED => "ground too narrow for a nest".to_owned(),
         Reason::None => format!("poor ground (rank {})", found.rank()),
     }
+}
+
+/// Whether a cell is no-go or unknown.
+pub(super) fn is_no_go(found: CellRank) -> bool {
+    found.rank() < 2
 }
 
 /// What would make a closed cell passable.
@@ -206,6 +212,130 @@ pub(super) fn disconnected(
         place: Some(geometry.centre(cell)),
         remedy: cure(found, slope_at(cell), vehicle),
     }
+}
+
+/// Open cells as a graph that no limit closes, to see which limit closes the ground.
+struct Unlimited<'a, 'b> {
+    ground: &'a Ground<'b>,
+    nests: &'a Nests,
+    nest: u32,
+}
+
+impl StepGraph for Unlimited<'_, '_> {
+    fn geometry(&self) -> GridGeometry {
+        self.nests.geometry()
+    }
+
+    fn steps(&self) -> &[Step] {
+        &EIGHT
+    }
+
+    fn edge_cost(&self, from: Cell, step: usize) -> f64 {
+        let Some(to) = EIGHT[step]
+            .from(&self.geometry(), from)
+            .filter(|&to| self.nests.label(to) == self.nest)
+        else {
+            return f64::INFINITY;
+        };
+        let [a, b] = [from, to].map(|cell| self.geometry().centre(cell));
+        // What is allowed is nearly free, so the way breaks as few limits as it can.
+        EIGHT[step].length_cells() * if self.ground.segment(a, b).is_ok() { 1e-3 } else { 1.0 }
+    }
+
+    fn bound(&self, _: Cell) -> f64 {
+        0.0
+    }
+}
+
+/// Refuses ends in one nest between which the vehicle's limits leave no way: finds the way that breaks them least and names
+/// the first limit that it breaks.
+pub(super) fn limited(ground: &Ground, nests: &Nests, [start, goal]: [Cell; 2], vehicle: &Vehicle) -> Option<Refusal> {
+    let geometry = ground.geometry();
+    let nest = nests.label(start);
+    let graph = Unlimited { ground, nests, nest };
+    let Search::Found { cells, .. } = search(&graph, start, goal, &mut silent()) else {
+        return None;
+    };
+    let broken = cells.windows(2).find_map(|pair| {
+        let [a, b] = [pair[0], pair[1]].map(|cell| geometry.centre(cell));
+        let length_m = a.distance_m(b);
+        let heading = ((b.x_m - a.x_m) / length_m, (b.y_m - a.y_m) / length_m);
+        Some(match ground.segment(a, b).err()? {
+            Obstacle::Closed(cell) if nests.label(cell) == nest => {
+                ground.limit_at(cell, heading).unwrap_or(Obstacle::Closed(cell))
+            }
+            other => other,
+        })
+    })?;
+    let percent = |slope: f64| (slope.abs() * 100.0).ceil();
+    let (cell, what, remedy) = match broken {
+        Obstacle::MapEdge => return None,
+        Obstacle::Closed(cell) => (
+            cell,
+            "a passage too narrow for the circle around the vehicle".to_owned(),
+            "A smaller vehicle or a finer `--cell-size` would pass.".to_owned(),
+        ),
+        Obstacle::Grade(cell, grade) => (
+            cell,
+            format!(
+                "{} % {}",
+                percent(grade),
+                if grade > 0.0 { "uphill" } else { "downhill" }
+            ),
+            format!(
+                "A vehicle that drives {} % would pass (this one: {:.0} % up, {:.0} % down).",
+                percent(grade),
+                vehicle.grade_up * 100.0,
+                vehicle.grade_down * 100.0
+            ),
+        ),
+        Obstacle::Traction(cell, grade) => (
+            cell,
+            format!(
+                "{} % uphill (for which the soil gives too little traction)",
+                percent(grade)
+            ),
+            "Drier ground (`--moisture`) or a vehicle with less ground pressure or more friction would pass."
+                .to_owned(),
+        ),
+        Obstacle::Braking(cell, grade) => (
+            cell,
+            format!("{} % downhill (on which the brakes do not hold)", percent(grade)),
+            format!(
+                "A vehicle with more braking friction would pass (this one: {:.2}).",
+                vehicle.braking_friction
+            ),
+        ),
+        Obstacle::SideSlope(cell, slope) => (
+            cell,
+            format!("a side slope of {} %", percent(slope)),
+            format!(
+                "A vehicle that bears a side slope of {} % would pass (this one: {:.0} %).",
+                percent(slope),
+                vehicle.side_slope * 100.0
+            ),
+        ),
+        Obstacle::Rollover(cell, slope) => (
+            cell,
+            format!(
+                "a side slope of {} % (on which the vehicle would tip over)",
+                percent(slope)
+            ),
+            format!(
+                "A vehicle with a wider gauge or a lower centre of gravity would pass (this one tips over at {:.0} %).",
+                vehicle.rollover_slope().unwrap_or(f64::INFINITY) * 100.0
+            ),
+        ),
+    };
+    Some(Refusal {
+        status: Status::NoRoute,
+        reason: format!(
+            "Start and goal lie in one nest, but no way through it keeps the vehicle's limits in every direction of travel: \
+             {what} lies across the way that breaks them least."
+        ),
+        place: Some(geometry.centre(cell)),
+        remedy,
+    })
 }
 
 /// The stretches of a way that lie in no nest.

@@ -4,8 +4,10 @@ use crate::grid::Position;
 use crate::rank::CellSource;
 use crate::soil::SoilClass;
 
+use super::clearance::Nearness;
 use super::ground::{Ground, Obstacle, SegmentFacts};
-use super::refusal::describe_cell;
+use super::refusal::{describe_cell, is_no_go};
+use super::search::StepGraph;
 
 /// A straight part of a route.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,8 +48,12 @@ impl Route {
     ) -> Result<Self, Obstacle> {
         let mut legs = Vec::new();
         let mut total = SegmentFacts::default();
+        let near = Nearness::new(ground.geometry(), ground.risk_reach_m(), |cell| {
+            is_no_go(source.cell_rank(cell))
+        });
+        let exposure = |cell| near.exposure(cell);
         for (index, pair) in points.windows(2).enumerate() {
-            let facts = ground.segment(pair[0], pair[1])?;
+            let facts = ground.segment_beside(pair[0], pair[1], Some(&exposure))?;
             add(&mut total, &facts, index == 0);
             let turn = points.get(index + 2).map(|&after| {
                 let here = legs_cost(ground, pair[1], after).map(|next| facts.cost + next);
@@ -72,11 +78,12 @@ impl Route {
     }
 }
 
-fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
+pub(super) fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
     total.length_m += leg.length_m;
     total.time_s += leg.time_s;
     total.cost += leg.cost;
     total.energy_j += leg.energy_j;
+    total.risk_s += leg.risk_s;
     total.climb_m += leg.climb_m;
     total.descent_m += leg.descent_m;
     total.bridged_m += leg.bridged_m;
@@ -107,7 +114,6 @@ fn main_soil(facts: &SegmentFacts) -> SoilClass {
 }
 
 fn worst_rank(ground: &Ground, source: &impl CellSource, a: Position, b: Position) -> u8 {
-    use super::search::StepGraph;
     let mut worst = 10;
     crate::grid::pieces(&ground.geometry(), a, b, |piece| {
         worst = worst.min(source.cell_rank(piece.cell).rank());
@@ -163,10 +169,24 @@ fn turn_reason(
         Err(Obstacle::SideSlope(_, slope)) => {
             format!("to avoid a side slope of {:.0} %", slope * 100.0)
         }
-        Err(Obstacle::Force(_)) => "where brakes or power do not suffice".to_owned(),
+        Err(Obstacle::Traction(_, grade)) => {
+            format!(
+                "to avoid {:.0} % uphill on soil without the traction for it",
+                grade * 100.0
+            )
+        }
+        Err(Obstacle::Braking(_, grade)) => {
+            format!(
+                "to avoid {:.0} % downhill, where the brakes do not hold",
+                -grade * 100.0
+            )
+        }
+        Err(Obstacle::Rollover(_, slope)) => {
+            format!("to avoid tipping over on a side slope of {:.0} %", slope * 100.0)
+        }
         Ok(facts) => match cost {
-            Some(cost) => format!("to save {:.0} s", (facts.cost - cost).max(0.0)),
-            None => "to save time".to_owned(),
+            Some(cost) => format!("to save {:.0} s", (facts.cost - cost).max(0.0)) + ground.objective().weighing(),
+            None => "to save time".to_owned() + ground.objective().weighing(),
         },
     }
 }

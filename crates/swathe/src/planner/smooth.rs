@@ -2,7 +2,7 @@
 
 use crate::grid::Position;
 
-use super::ground::{Ground, SegmentFacts};
+use super::any_angle::AnyAngle;
 
 /// Passes over the way before it is taken as it is.
 const MOST_PASSES: usize = 40;
@@ -11,11 +11,14 @@ const MOST_PASSES: usize = 40;
 ///
 /// Each pass looks at every second vertex that is left, the cheapest removals of the finest scale first, so a shortcut
 /// grows by doubling. Not optimal: a vertex is only dropped, never moved.
-pub fn shorten(ground: &Ground, way: &[Position]) -> Vec<Position> {
+pub fn shorten(graph: &impl AnyAngle, way: &[Position]) -> Vec<Position> {
     let mut points = drop_collinear(way);
-    let mut costs: Vec<Option<f64>> = points
+    if points.is_empty() {
+        return points;
+    }
+    let mut costs: Vec<f64> = points
         .windows(2)
-        .map(|pair| cost(ground.segment(pair[0], pair[1])))
+        .map(|pair| graph.segment_cost(pair[0], pair[1]))
         .collect();
     for _ in 0..MOST_PASSES {
         let before = points.len();
@@ -25,13 +28,13 @@ pub fn shorten(ground: &Ground, way: &[Position]) -> Vec<Position> {
         while here + 1 < points.len() {
             let shortcut = (here + 2 < points.len())
                 .then(|| {
-                    let old = costs[here]? + costs[here + 1]?;
-                    let new = cost(ground.segment(points[here], points[here + 2]))?;
-                    (new <= old * (1.0 + 1e-12)).then_some(new)
+                    let old = costs[here] + costs[here + 1];
+                    let new = graph.segment_cost(points[here], points[here + 2]);
+                    (old.is_finite() && new <= old * (1.0 + 1e-12)).then_some(new)
                 })
                 .flatten();
             let step = if shortcut.is_some() { 2 } else { 1 };
-            kept_costs.push(shortcut.or(costs[here]));
+            kept_costs.push(shortcut.unwrap_or(costs[here]));
             here += step;
             kept.push(points[here]);
         }
@@ -43,12 +46,8 @@ pub fn shorten(ground: &Ground, way: &[Position]) -> Vec<Position> {
     points
 }
 
-fn cost(facts: Result<SegmentFacts, super::Obstacle>) -> Option<f64> {
-    facts.ok().map(|facts| facts.cost)
-}
-
 /// Drops vertices in the middle of straight runs.
-fn drop_collinear(way: &[Position]) -> Vec<Position> {
+pub(super) fn drop_collinear(way: &[Position]) -> Vec<Position> {
     let mut points: Vec<Position> = Vec::new();
     for &point in way {
         if let [.., a, b] = points[..] {

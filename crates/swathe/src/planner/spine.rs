@@ -19,14 +19,13 @@ const NO_GO_COST: f64 = 6.0;
 /// Cost per metre that each rank below the best adds.
 const COST_PER_RANK: f64 = 0.3;
 
-/// A way and the coarse cells that were looked at to find it.
-pub(super) struct Spine {
-    /// From start to goal; `None` where unknown ground separates them.
-    pub points: Option<Vec<Position>>,
-    pub cells_evaluated: u64,
+/// The coarse cells that are looked at to find a way, all of the coarse map.
+pub(super) fn coarse_count(geometry: GridGeometry) -> u64 {
+    (geometry.rows().div_ceil(COARSE) * geometry.columns().div_ceil(COARSE)) as u64
 }
 
-/// The cheapest way on a coarse map on which nothing but unknown ground is closed.
+/// The cheapest way from start to goal on a coarse map on which nothing but unknown ground is closed; `None` where that
+/// separates them.
 ///
 /// # Errors
 /// [`PlannerError`] when the ranking is not usable.
@@ -35,7 +34,7 @@ pub(super) fn spine(
     vehicle: &Vehicle,
     params: &RankParams,
     [start, goal]: [Position; 2],
-) -> Result<Spine, PlannerError> {
+) -> Result<Option<Vec<Position>>, PlannerError> {
     let geometry = terrain.elevation_m.geometry();
     let coarse = GridGeometry::new(
         geometry.rows().div_ceil(COARSE),
@@ -69,10 +68,7 @@ pub(super) fn spine(
             points = Some(way);
         }
     }
-    Ok(Spine {
-        points,
-        cells_evaluated: coarse.cell_count() as u64,
-    })
+    Ok(points)
 }
 
 /// The soil in the middle of each coarse cell.

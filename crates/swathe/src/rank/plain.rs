@@ -39,7 +39,7 @@ impl PlainRanks {
         let (ranks, steepest) = criteria.tables();
         // Down or up a slope some of the sixteen headings lies within 13.3 degrees of the fall line, where the side slope
         // is at most 0.23 of the slope: up to here the heading gate cannot fail.
-        let headed = vehicle.max_grade().min(vehicle.side_slope / 0.23);
+        let headed = vehicle.max_grade().min(vehicle.max_side_slope() / 0.23);
         let headed_squared = (headed * headed * (1.0 - 1e-6)) as f32;
         let plain_squared = steepest.map(|squared| squared.min(headed_squared));
         let run = 8.0 * cell_size_m as f32;

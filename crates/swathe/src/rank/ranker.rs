@@ -164,12 +164,10 @@ impl<'a> Ranker<'a> {
         }
         let gradient = gradient_at(self.elevation_m, cell)?;
         let Vehicle {
-            grade_up,
-            grade_down,
-            side_slope,
-            ..
+            grade_up, grade_down, ..
         } = *self.vehicle;
-        (allowed_headings(gradient, grade_up, grade_down, side_slope) == 0).then_some(Reason::SideSlope)
+        (allowed_headings(gradient, grade_up, grade_down, self.vehicle.max_side_slope()) == 0)
+            .then_some(Reason::SideSlope)
     }
 
     fn grey_goodness(&self, grey: LayerView<f32>, cell: Cell) -> u8 {

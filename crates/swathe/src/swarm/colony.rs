@@ -2,8 +2,11 @@
 
 mod changes;
 mod frame;
+mod ground;
 mod guided;
+mod pellets;
 mod planes;
+mod stop;
 mod sweep;
 mod tick;
 mod trace;
@@ -15,7 +18,7 @@ use crate::rank::CellSource;
 
 use super::agents::Extent;
 use super::itinerary::Itinerary;
-use super::{Explore, State, SwarmError, SwarmParams};
+use super::{Budget, State, StopRule, SwarmError, SwarmParams};
 
 pub use frame::{Frame, FrameTicks, Seen};
 
@@ -39,16 +42,25 @@ mod flag {
 /// The bits that tell the ground of the agents: these cells are inside, and not of the halo.
 const GROUND: u8 = flag::INSIDE | flag::HALO;
 
-/// Ticks between two reports.
+/// Most ticks between two reports.
 const TICKS_PER_REPORT: u64 = 64;
+
+/// Visits after which a report is due, so that a crowd can be stopped too.
+const VISITS_PER_REPORT: u64 = 1 << 20;
 
 /// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// No cell can become a core any more.
     Finished,
+    /// The watched cells lie in one nest, and that was the rule.
+    Connected,
+    /// Little can be left to find, and that was the rule.
+    Statistical,
     /// The given number of ticks is over.
     TicksSpent,
+    /// The budget of evaluations is spent.
+    EvaluationsSpent,
     /// The caller asked to stop.
     Stopped,
 }
@@ -88,6 +100,12 @@ pub struct Colony<Source: CellSource> {
     /// Where a permutation leads in the present swathe.
     itinerary: Option<Itinerary>,
     watched: Option<(usize, usize)>,
+    rule: StopRule,
+    budget: Budget,
+    /// Visits to random cells in a row that met nothing new; counted for the statistical rule alone.
+    quiet_visits: u64,
+    /// Cells that agents walk on.
+    ground_cells: u64,
     tally: Tally,
     trace: trace::Trace,
 }
@@ -142,6 +160,10 @@ impl<Source: CellSource> Colony<Source> {
             epoch_start: 0,
             itinerary: None,
             watched: None,
+            rule: StopRule::Finished,
+            budget: Budget::default(),
+            quiet_visits: 0,
+            ground_cells: 0,
             tally: Tally::default(),
             trace: trace::Trace::default(),
         };
@@ -155,96 +177,6 @@ impl<Source: CellSource> Colony<Source> {
         Ok(colony)
     }
 
-    /// Enlarges the swathe; nothing that is known is evaluated again. Cells that could not be cores only because the old
-    /// swathe ended beside them may become cores now; cores that counted on suitable ground beyond it must be found again.
-    ///
-    /// # Errors
-    /// [`SwarmError::Grid`] when the mask does not fit the map.
-    pub fn widen(&mut self, inside: &Layer<bool>) -> Result<(), SwarmError> {
-        let mask = inside.data();
-        Layer::new(self.geometry, vec![(); mask.len()], "the swathe")?;
-        for (flags, &inside) in self.flags.iter_mut().zip(mask) {
-            *flags |= u8::from(inside) * flag::INSIDE;
-        }
-        self.extent = self.ground_box().unwrap_or(self.extent);
-        self.epoch_start = self.tally.ticks;
-        self.itinerary =
-            (self.params.explore == Explore::Permute).then(|| Itinerary::new(self.extent, self.params.seed));
-        let lost = self.uncore_the_leaning();
-        self.reopen();
-        self.forget_cores(&lost);
-        Ok(())
-    }
-
-    /// The smallest box that holds the agents' ground.
-    fn ground_box(&self) -> Option<Extent> {
-        let ground = |flags: &u8| flags & GROUND == flag::INSIDE;
-        let columns = self.geometry.columns();
-        let (mut first, mut last) = ((usize::MAX, usize::MAX), (0, 0));
-        for (row, flags) in self.flags.chunks(columns).enumerate() {
-            if let (Some(west), Some(east)) = (flags.iter().position(ground), flags.iter().rposition(ground)) {
-                first = (first.0.min(row), first.1.min(west));
-                last = (row, last.1.max(east));
-            }
-        }
-        (first.0 != usize::MAX).then(|| Extent {
-            row: first.0,
-            column: first.1,
-            rows: last.0 - first.0 + 1,
-            columns: last.1 - first.1 + 1,
-        })
-    }
-
-    /// Takes the cores that counted on ground beyond the swathe which nobody has looked at for cores no more, and returns
-    /// them.
-    fn uncore_the_leaning(&mut self) -> Vec<Cell> {
-        let mut lost = Vec::new();
-        if !self.params.nest.border_suitable || self.tally.cores == 0 {
-            return lost;
-        }
-        for index in 0..self.flags.len() {
-            if self.flags[index] & flag::CORE > 0 && self.leans_on_the_border(index) {
-                self.flags[index] &= !flag::CORE;
-                lost.push(self.geometry.cell(index));
-            }
-        }
-        lost
-    }
-
-    /// Decides of every cell of the swathe but the cores whether it may be a core, a word of cells at a time: as
-    /// [`Self::may_be_core`] does for one.
-    fn reopen(&mut self) {
-        let border = self.params.nest.border_suitable;
-        let kind = BitRows::at_least(self.geometry, &self.flags, 1, |flags| {
-            let known_bad = flags & (flag::EVALUATED | flag::SUITABLE) == flag::EVALUATED;
-            let is_inside = flags & flag::INSIDE > 0;
-            u8::from((is_inside && !known_bad) || (!is_inside && border))
-        });
-        let possible = kind.eroded(&self.vicinity, border);
-        let columns = self.geometry.columns();
-        self.open = 0;
-        for (row, flags) in self.flags.chunks_mut(columns).enumerate() {
-            for (flags, &word) in flags.chunks_mut(64).zip(possible.row(row)) {
-                let mut open = 0u8;
-                for (flags, possible) in flags.iter_mut().zip(planes::spread(word)) {
-                    let settled = *flags & (flag::INSIDE | flag::CORE) != flag::INSIDE;
-                    let opens = possible > 0 && *flags & flag::HALO == 0;
-                    // A count of pellets that is full would never trigger the test again.
-                    let reopened = *flags & !(flag::DEAD | flag::FULL);
-                    let decided = if opens { reopened } else { *flags | flag::DEAD };
-                    open += u8::from(opens && !settled);
-                    *flags = if settled { *flags } else { decided };
-                }
-                self.open += u64::from(open);
-            }
-        }
-        for (pellets, flags) in self.pellets.iter_mut().zip(&self.flags) {
-            if flags & (flag::INSIDE | flag::CORE | flag::DEAD) == flag::INSIDE {
-                *pellets = 0;
-            }
-        }
-    }
-
     /// Watches for the tick in which two cells come into one nest.
     pub fn watch(&mut self, a: Cell, b: Cell) {
         self.build_sets();
@@ -252,7 +184,8 @@ impl<Source: CellSource> Colony<Source> {
         self.note_connection();
     }
 
-    /// Runs until the swarm is finished, `ticks` are over, or `report` (cells settled, cells in all) returns false.
+    /// Runs until the swarm is finished, its rule or budget ends it ([`Self::stop_by`]), `ticks` are over, or `report`
+    /// (cells settled, cells in all) returns false.
     pub fn run(&mut self, ticks: u64, report: &mut Report) -> Ending {
         if let Some(itinerary) = self.itinerary.take() {
             let ending = self.run_along(&itinerary, ticks, report);
@@ -262,18 +195,24 @@ impl<Source: CellSource> Colony<Source> {
         let last = self.tally.ticks.saturating_add(ticks);
         let total = self.open;
         let mut ahead = 1;
-        while self.open > 0 {
+        let per_report = (VISITS_PER_REPORT / self.agents.len().max(1) as u64).clamp(1, TICKS_PER_REPORT);
+        loop {
+            match self.over() {
+                None => {}
+                Some(Ending::Finished) => break,
+                Some(ending) => return ending,
+            }
             if self.tally.ticks >= last {
                 return Ending::TicksSpent;
             }
-            let since_report = self.tally.ticks % TICKS_PER_REPORT;
+            let since_report = self.tally.ticks % per_report;
             if since_report == 0 && !report(total - self.open, total) {
                 return Ending::Stopped;
             }
-            let ticks = ahead.min(last - self.tally.ticks).min(TICKS_PER_REPORT - since_report);
+            let ticks = ahead.min(last - self.tally.ticks).min(per_report - since_report);
             self.spend(ticks);
             // A swarm that is soon finished foresees little in vain.
-            ahead = (2 * ahead).min(TICKS_PER_REPORT);
+            ahead = (2 * ahead).min(per_report);
         }
         self.trace.finish();
         Ending::Finished
@@ -297,33 +236,6 @@ impl<Source: CellSource> Colony<Source> {
     /// The cells of the swathe.
     pub fn is_inside(&self, cell: Cell) -> bool {
         self.flags[self.geometry.index(cell)] & flag::INSIDE > 0
-    }
-
-    /// Pellets on a cell.
-    pub fn pellets(&self, cell: Cell) -> u8 {
-        self.pellets_at(self.geometry.index(cell))
-    }
-
-    fn pellets_at(&self, index: usize) -> u8 {
-        let full = u8::from(self.flags[index] & flag::FULL > 0);
-        self.pellets.get(index).copied().unwrap_or(full)
-    }
-
-    fn clear_pellets(&mut self, index: usize) {
-        self.flags[index] &= !flag::FULL;
-        if let Some(pellets) = self.pellets.get_mut(index) {
-            *pellets = 0;
-        }
-    }
-
-    /// Adds a pellet to a cell that is not full; returns whether it is full now.
-    fn drop_pellet(&mut self, index: usize) -> bool {
-        let full = self.pellets.get_mut(index).is_none_or(|pellets| {
-            *pellets += 1;
-            *pellets == self.params.pellet_max
-        });
-        self.flags[index] |= u8::from(full) * flag::FULL;
-        full
     }
 
     /// Cells of the agents.
@@ -388,33 +300,6 @@ impl<Source: CellSource> Colony<Source> {
             Ok(nests) if nests.count() > 0 => sets_of(&nests),
             _ => UnionFind::new(self.geometry.cell_count()),
         };
-    }
-
-    /// Whether nothing that is known keeps a cell from being a core.
-    fn may_be_core(&self, index: usize) -> bool {
-        if self.flags[index] & flag::HALO > 0 {
-            return false;
-        }
-        let cell = self.geometry.cell(index);
-        self.vicinity.iter().all(|step| {
-            let near = step
-                .from(&self.geometry, cell)
-                .map(|near| self.flags[self.geometry.index(near)]);
-            match near {
-                Some(flags) if flags & flag::INSIDE > 0 => {
-                    flags & (flag::EVALUATED | flag::SUITABLE) != flag::EVALUATED
-                }
-                _ => self.params.nest.border_suitable,
-            }
-        })
-    }
-
-    /// Whether ground that was beyond the swathe and counted as suitable is inside now, and nobody has looked at it.
-    fn leans_on_the_border(&self, core: usize) -> bool {
-        let cell = self.geometry.cell(core);
-        let near = self.vicinity.iter().filter_map(|step| step.from(&self.geometry, cell));
-        let mut flags = near.map(|near| self.flags[self.geometry.index(near)]);
-        self.params.nest.border_suitable && flags.any(|flags| flags & (flag::INSIDE | flag::EVALUATED) == flag::INSIDE)
     }
 
     /// Whether the watched cells lie in one nest.

@@ -8,6 +8,7 @@
 mod agents;
 mod colony;
 mod itinerary;
+mod stop;
 mod tiles;
 mod transitions;
 
@@ -17,6 +18,7 @@ use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
 
 pub use colony::{Changes, Colony, Ending, Frame, FrameTicks, Seen, Tally};
+pub use stop::{Budget, STATISTICAL, StopRule};
 pub use tiles::{TileJob, TileResult, Window, merge_tiles, tile_jobs};
 pub use transitions::{Chart, State, TRANSITIONS, Transition};
 

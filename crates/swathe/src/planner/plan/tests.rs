@@ -1,13 +1,14 @@
 //! Planning on drawn worlds, and the swarm beside the exact method.
 
 use super::*;
+use crate::planner::Objective;
 use crate::soil::SoilClass;
-use crate::swarm::SwarmParams;
+use crate::swarm::{Budget, SwarmParams};
 use crate::vehicle::fixtures::pioneer;
 use proptest::prelude::*;
 
 /// A world as text, 10 m cells: '.' level ground, a digit a height in 40 m, '~' water, '?' unknown elevation.
-fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
+pub(super) fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 10.0, 0.0, 0.0).unwrap();
     let bytes: Vec<u8> = rows.iter().flat_map(|row| row.bytes()).collect();
     let heights = bytes.iter().map(|byte| match byte {
@@ -29,7 +30,7 @@ fn world(rows: &[&str]) -> (Layer<f32>, Layer<u8>) {
     )
 }
 
-fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
+pub(super) fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) -> PlanRequest {
     PlanRequest {
         start: geometry.centre(Cell::new(start.0, start.1)),
         goal: geometry.centre(Cell::new(goal.0, goal.1)),
@@ -40,25 +41,46 @@ fn request(geometry: GridGeometry, start: (usize, usize), goal: (usize, usize)) 
         },
         arc: ArcKind::Spine,
         width_m: None,
+        headings_rad: [None; 2],
+        path: PathKind::default(),
         bridge: false,
         certify: false,
+        objective: Objective::default(),
+        reversed: false,
+        stop: None,
+        budget: Budget::default(),
     }
 }
 
-fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
-    let (elevation, soil) = layers;
-    let vehicle = pioneer();
+pub(super) fn solve(layers: &(Layer<f32>, Layer<u8>), request: &PlanRequest) -> Plan {
+    solve_with(layers, &pioneer(), None, request)
+}
+
+/// Plans for a vehicle with a user's factor on costs, whose closed cells are zones.
+fn solve_with(
+    (elevation, soil): &(Layer<f32>, Layer<u8>),
+    vehicle: &Vehicle,
+    factor: Option<&Layer<f32>>,
+    request: &PlanRequest,
+) -> Plan {
     let params = RankParams::default();
-    let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, None, &vehicle, params).unwrap();
+    let geometry = elevation.geometry();
+    let zones = factor.map(|factor| {
+        let closed = factor.data().iter().map(|factor| !factor.is_finite());
+        Layer::new(geometry, closed.collect(), "zones").unwrap()
+    });
+    let zones = zones.as_ref().map(Layer::view);
+    let ranker = Ranker::new(elevation.view(), Some(soil.view()), None, zones, vehicle, params).unwrap();
     let terrain = Terrain {
         elevation_m: elevation.view(),
         soil: Some(soil.view()),
+        cost_factor: factor.map(Layer::view),
         map_continues: false,
     };
-    plan(terrain, &ranker, &vehicle, &params, request, &mut |_, _, _| true).unwrap()
+    plan(terrain, &ranker, vehicle, &params, request, &mut |_, _, _| true).unwrap()
 }
 
-const LAKE: [&str; 12] = [
+pub(super) const LAKE: [&str; 12] = [
     "....................",
     "....................",
     "....................",
@@ -73,7 +95,7 @@ const LAKE: [&str; 12] = [
     "........~~..........",
 ];
 
-const RIVER: [&str; 6] = [
+pub(super) const RIVER: [&str; 6] = [
     "........~~..........",
     "........~~..........",
     "........~~..........",
@@ -189,6 +211,7 @@ fn a_stop_is_heard_in_every_stage() {
     let terrain = Terrain {
         elevation_m: elevation.view(),
         soil: None,
+        cost_factor: None,
         map_continues: false,
     };
     let ask = request(elevation.geometry(), (9, 3), (9, 15));
@@ -274,6 +297,174 @@ proptest! {
         prop_assert_eq!(again.path, guided.path);
         prop_assert_eq!(again.nests, guided.nests);
     }
+}
+
+/// Waves of some height with soils and a few holes, and the user's factors on their costs.
+fn waves(seed: u64, height_m: f64, holes: u32) -> ((Layer<f32>, Layer<u8>), Layer<f32>) {
+    let geometry = GridGeometry::new(30, 30, 10.0, 0.0, 0.0).unwrap();
+    let draw = |cell: Cell| crate::random::philox([geometry.index(cell) as u32, 3, 0, 0], seed);
+    let heights = geometry.cells().map(|cell| {
+        let phase = (seed % 7) as f64;
+        (height_m * (0.4 * cell.row as f64 + phase).sin() * (0.3 * cell.column as f64).cos()) as f32
+    });
+    let soils = geometry.cells().map(|cell| match draw(cell) {
+        [hole, ..] if hole % 100 < holes => SoilClass::None as u8,
+        [_, class, ..] => (class % 5) as u8,
+    });
+    let factors = geometry.cells().map(|cell| match draw(cell)[2] % 100 {
+        0 => f32::INFINITY,
+        k => k as f32 / 50.0,
+    });
+    (
+        (
+            Layer::new(geometry, heights.collect(), "z").unwrap(),
+            Layer::new(geometry, soils.collect(), "soil").unwrap(),
+        ),
+        Layer::new(geometry, factors.collect(), "factors").unwrap(),
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn under_every_objective_all_methods_agree_and_the_way_back_costs_the_same_reversed(
+        seed: u64, a in 0usize..900, b in 0usize..900, holes in 0u32..6, height in 0.0f64..8.0,
+        time in 0.0f64..2.0, energy in 0.1f64..4.0, risk in prop_oneof![Just(0.0), 0.5f64..9.0], priced: bool,
+    ) {
+        let (layers, factor) = waves(seed, height, holes);
+        let factor = priced.then_some(&factor);
+        let geometry = layers.0.geometry();
+        let vehicle = pioneer();
+        let (a, b) = (geometry.cell(a), geometry.cell(b));
+        let mut ask = request(geometry, (a.row, a.column), (b.row, b.column));
+        ask.objective = Objective { time, energy, risk, risk_distance_m: None };
+        let solve = |request: &PlanRequest| solve_with(&layers, &vehicle, factor, request);
+        let exact = solve(&PlanRequest { method: Method::Exact, ..ask });
+        let back = PlanRequest { method: Method::Exact, start: ask.goal, goal: ask.start, reversed: true, ..ask };
+        let back = solve(&back);
+        let certified = solve(&PlanRequest { certify: true, width_m: Some(80.0), ..ask });
+        let guided = solve(&PlanRequest { arc: ArcKind::Relaid, ..ask });
+        match &exact.answer {
+            Err(refusal) => {
+                for other in [&back, &certified, &guided] {
+                    prop_assert!(other.answer.is_err(), "{:?}", refusal);
+                }
+            }
+            Ok(route) => {
+                let least = exact.path_cost.unwrap();
+                let same = |cost: f64| (cost - least).abs() <= 1e-9 * least.max(1.0);
+                prop_assert!(same(back.path_cost.unwrap()), "{} {:?}", least, back.path_cost);
+                prop_assert!(certified.optimal && same(certified.path_cost.unwrap()));
+                prop_assert!(guided.path_cost.unwrap() >= least * (1.0 - 1e-9));
+                prop_assert!(exact.cost_lower_bound.unwrap() <= route.total.cost * (1.0 + 1e-9));
+                if factor.is_none() {
+                    let total = route.total;
+                    let sum = time * total.time_s + energy * total.energy_j / vehicle.power_w + risk * total.risk_s;
+                    prop_assert!((sum - total.cost).abs() <= 1e-9 * sum.max(1.0), "{sum} {total:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn risk_keeps_away_from_water_and_a_factor_from_dear_ground() {
+    let layers = world(&LAKE);
+    let geometry = layers.0.geometry();
+    let ask = PlanRequest {
+        method: Method::Exact,
+        ..request(geometry, (9, 3), (9, 15))
+    };
+    let objective = Objective {
+        risk: 50.0,
+        ..Objective::default()
+    };
+    let quick = solve(&layers, &ask).answer.unwrap().total;
+    let safe = solve(&layers, &PlanRequest { objective, ..ask }).answer.unwrap().total;
+    assert!(
+        quick.risk_s > 0.0 && safe.risk_s < 0.7 * quick.risk_s,
+        "{quick:?} {safe:?}"
+    );
+    assert!(safe.time_s > quick.time_s);
+    // Level ground with a dear field in the middle.
+    let layers = world(&["...................."; 20]);
+    let geometry = layers.0.geometry();
+    let ask = PlanRequest {
+        method: Method::Exact,
+        ..request(geometry, (10, 2), (10, 17))
+    };
+    let is_dear = |cell: &Cell| (8..13).contains(&cell.row) && (8..12).contains(&cell.column);
+    let factor = geometry.cells().map(|cell| if is_dear(&cell) { 5.0 } else { 1.0 });
+    let factor = Layer::new(geometry, factor.collect(), "factor").unwrap();
+    assert!(solve(&layers, &ask).path.iter().any(is_dear));
+    let around = solve_with(&layers, &pioneer(), Some(&factor), &ask);
+    assert!(!around.path.iter().any(is_dear));
+    let closed = geometry
+        .cells()
+        .map(|cell| if cell.column == 9 { f32::NAN } else { 1.0 });
+    let closed = Layer::new(geometry, closed.collect(), "factor").unwrap();
+    let refusal = solve_with(&layers, &pioneer(), Some(&closed), &ask).answer.unwrap_err();
+    assert_eq!(refusal.status, Status::NoRoute);
+}
+
+#[test]
+fn bad_objectives_and_factors_are_named() {
+    let layers = world(&LAKE);
+    let (geometry, vehicle, params) = (layers.0.geometry(), pioneer(), RankParams::default());
+    let ranker = Ranker::new(layers.0.view(), None, None, None, &vehicle, params).unwrap();
+    let mut factor = Layer::filled(geometry, 1.0f32);
+    factor.data_mut()[23] = -0.5;
+    let ask = request(geometry, (1, 1), (1, 5));
+    let plan_with = |cost_factor, objective| {
+        let terrain = Terrain {
+            elevation_m: layers.0.view(),
+            soil: None,
+            cost_factor,
+            map_continues: false,
+        };
+        let ask = PlanRequest { objective, ..ask };
+        plan(terrain, &ranker, &vehicle, &params, &ask, &mut |_, _, _| true)
+            .unwrap_err()
+            .to_string()
+    };
+    let refused = plan_with(Some(factor.view()), Objective::default());
+    assert!(refused.contains("(1, 3)") && refused.contains("-0.5"), "{refused}");
+    let refused = plan_with(
+        None,
+        Objective {
+            energy: f64::NAN,
+            ..Objective::default()
+        },
+    );
+    assert!(refused.contains("energy"), "{refused}");
+}
+
+/// On a slope of 12 % that falls to the west or to the south: eastward is up it or across it.
+#[rstest::rstest]
+#[case::grade(Vehicle { grade_up: 0.1, side_slope: 0.05, ..pioneer() }, true, "12 % uphill lies across")]
+#[case::traction(Vehicle { traction_friction: 0.14, side_slope: 0.05, ..pioneer() }, true, "too little traction")]
+#[case::side_slope(Vehicle { side_slope: 0.05, grade_up: 0.05, ..pioneer() }, false, "a side slope of 12 % lies across")]
+#[case::rollover(
+    Vehicle { gauge_m: Some(0.32), centre_of_gravity_m: Some(2.0), grade_up: 0.05, ..pioneer() }, false, "tip over")]
+fn a_refusal_names_the_limit_that_binds(#[case] vehicle: Vehicle, #[case] up: bool, #[case] named: &str) {
+    let geometry = GridGeometry::new(20, 20, 10.0, 0.0, 0.0).unwrap();
+    let heights = geometry.cells().map(|cell| {
+        let along = if up { cell.column } else { 19 - cell.row };
+        1.199 * along as f32
+    });
+    let layers = (
+        Layer::new(geometry, heights.collect(), "ramp").unwrap(),
+        Layer::filled(geometry, SoilClass::Gravel as u8),
+    );
+    let ask = PlanRequest {
+        method: Method::Exact,
+        ..request(geometry, (10, 2), (10, 17))
+    };
+    let refusal = solve_with(&layers, &vehicle, None, &ask).answer.unwrap_err();
+    assert_eq!(refusal.status, Status::NoRoute);
+    assert!(refusal.reason.contains(named), "{refusal:?}");
+    assert!(refusal.place.is_some());
 }
 
 proptest! {

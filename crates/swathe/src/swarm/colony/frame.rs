@@ -125,6 +125,10 @@ impl<Source: CellSource> Colony<Source> {
         show: &mut dyn FnMut(Frame) -> bool,
     ) -> Ending {
         let last = self.tally.ticks.saturating_add(ticks);
+        let last = self
+            .budget
+            .ticks
+            .map_or(last, |most| last.min(most.max(self.tally.ticks)));
         loop {
             if !show(self.frame(step)) {
                 return Ending::Stopped;

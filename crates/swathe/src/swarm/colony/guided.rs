@@ -6,14 +6,20 @@ use crate::rank::CellSource;
 use super::{Colony, GROUND, flag};
 
 impl<Source: CellSource> Colony<Source> {
-    /// Ticks in which the agents visit these cells, as many a tick as there are agents. Cells outside the swathe are left out.
+    /// Ticks in which the agents visit these cells, as many a tick as there are agents. Cells outside the swathe are left
+    /// out, and so is what the budget does not allow ([`Self::spent`]).
     pub fn send(&mut self, cells: &[Cell]) {
         let ground = |cell: &Cell| self.flags[self.geometry.index(*cell)] & GROUND == flag::INSIDE;
         let cells = cells.iter().filter(|cell| ground(cell));
         let cells: Vec<u32> = cells.map(|&cell| self.geometry.index(cell) as u32).collect();
         for sent in cells.chunks(self.agents.len().max(1)) {
+            if self.spent().is_some() {
+                break;
+            }
             self.tick(sent);
         }
+        // These visits were not random.
+        self.quiet_visits = 0;
     }
 
     /// Whether a cell is known to be suitable.

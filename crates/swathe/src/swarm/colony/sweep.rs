@@ -8,6 +8,7 @@
 use crate::nest::{Contact, UnionFind, Vicinity, pack_at_least};
 use crate::progress::Report;
 use crate::rank::{CellRank, CellSource};
+use crate::swarm::StopRule;
 use crate::swarm::itinerary::{Itinerary, TILE_CELLS, Tile};
 
 use super::planes::{bytes_of, planes_of};
@@ -30,16 +31,19 @@ impl<Source: CellSource> Colony<Source> {
     pub(super) fn run_along(&mut self, itinerary: &Itinerary, ticks: u64, report: &mut Report) -> Ending {
         let agents = self.agents.len() as u64;
         let start = (self.tally.ticks - self.epoch_start).saturating_mul(agents);
-        let last = self.tally.ticks.saturating_add(ticks) - self.epoch_start;
+        let last = self.tally.ticks.saturating_add(ticks);
+        let last = last.min(self.budget.ticks.unwrap_or(u64::MAX)).max(self.tally.ticks) - self.epoch_start;
         let end = last.min(u64::MAX / agents) * agents;
         let total = self.open;
         let (mut visit, mut next_report, mut stopped, mut swept) = (start, start, false, false);
         let ending = loop {
             if visit.is_multiple_of(agents) {
                 self.tally.ticks = self.epoch_start + visit / agents;
-                if self.open == 0 {
-                    self.trace.finish();
-                    break Ending::Finished;
+                if let Some(ending) = self.over() {
+                    if ending == Ending::Finished {
+                        self.trace.finish();
+                    }
+                    break ending;
                 }
                 if visit >= end {
                     break Ending::TicksSpent;
@@ -113,11 +117,13 @@ impl<Source: CellSource> Colony<Source> {
     }
 
     /// Makes all visits of a tile at once; returns false, having done nothing, where they must be made one by one: when the
-    /// swarm may be finished within the tile, or must tell the tick of a connection, or nests are of an uncommon kind.
+    /// swarm may be finished within the tile, or must tell the tick of a connection, or every visit or evaluation counts, or
+    /// nests are of an uncommon kind.
     fn sweep(&mut self, tile: &Tile) -> bool {
         let connects = self.watched.is_some() && self.tally.connected_at.is_none();
         let nest = &self.params.nest;
-        if connects || nest.vicinity != Vicinity::Moore1 || nest.contact == Contact::Overlap {
+        let is_counted = self.budget.evaluations.is_some() || matches!(self.rule, StopRule::Statistical { .. });
+        if connects || is_counted || nest.vicinity != Vicinity::Moore1 || nest.contact == Contact::Overlap {
             return false;
         }
         let mut planes = self.planes(tile);

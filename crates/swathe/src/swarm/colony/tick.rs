@@ -13,7 +13,7 @@ use crate::grid::{Cell, EIGHT, FOUR, Step};
 use crate::nest::Contact;
 use crate::rank::{CellRank, CellSource};
 use crate::swarm::agents::Field;
-use crate::swarm::{Explore, State};
+use crate::swarm::{Explore, State, StopRule};
 
 use super::{Colony, GROUND, flag};
 
@@ -63,11 +63,11 @@ fn places(word: u64) -> impl Iterator<Item = usize> + Clone {
 }
 
 impl<Source: CellSource> Colony<Source> {
-    /// Spends at most `ticks` ticks, less when the swarm finishes; at least one of an unfinished swarm.
+    /// Spends at most `ticks` ticks, less when the swarm is over; at least one of one that is not.
     pub(super) fn spend(&mut self, ticks: u64) {
         let ahead = self.ahead(ticks);
         let mut spent = 0;
-        while spent < ahead.ticks && self.open > 0 {
+        while spent < ahead.ticks && self.over().is_none() {
             let since_start = self.tally.ticks - self.epoch_start;
             self.tally.ticks += 1;
             self.tally.visits += ahead.agents as u64;
@@ -96,6 +96,10 @@ impl<Source: CellSource> Colony<Source> {
         }
     }
 
+    fn counts_quiet(&self) -> bool {
+        matches!(self.rule, StopRule::Statistical { .. })
+    }
+
     /// Works out where agents go, as far ahead as nothing that they find can turn them.
     fn ahead(&self, ticks: u64) -> Ahead {
         let led_by_pellets = self.params.explore == Explore::Walk && self.params.attract > 0.0;
@@ -113,6 +117,8 @@ impl<Source: CellSource> Colony<Source> {
             inside: |index: usize| self.flags[index] & GROUND == flag::INSIDE,
             pellets: |index: usize| self.pellets_at(index),
         };
+        // The statistical rule counts visits in vain, too.
+        let counts_quiet = self.counts_quiet();
         let first_tick = self.tally.ticks - self.epoch_start;
         let blocks = agents.div_ceil(BLOCK);
         let (mut cells, mut busy) = (vec![0; blocks * BLOCK * ticks], vec![0; blocks * ticks]);
@@ -134,7 +140,7 @@ impl<Source: CellSource> Colony<Source> {
                     *here = field.visit((first + agent) as u32, tick, draw, *here);
                     let index = self.geometry.index(*here);
                     *cell = index as u32;
-                    *busy |= u64::from(!is_vain(self.flags[index])) << agent;
+                    *busy |= u64::from(counts_quiet || !is_vain(self.flags[index])) << agent;
                 }
             }
         };
@@ -209,13 +215,18 @@ impl<Source: CellSource> Colony<Source> {
         }
         self.look(&unseen);
         let mut full = Vec::new();
+        let counts_quiet = self.counts_quiet();
         for (agent, cell) in visits {
             let arrival = self.params.arrival(agent as u32, since_start);
             self.trace.arrive(since_start, Some(arrival));
             let index = cell as usize;
             let flags = self.flags[index];
             self.trace.enter_if(flags & flag::SUITABLE > 0, State::Count);
-            if flags & (flag::SUITABLE | flag::FULL) == flag::SUITABLE {
+            let is_news = flags & (flag::SUITABLE | flag::FULL) == flag::SUITABLE;
+            if counts_quiet && arrival == State::Deploy {
+                self.quiet_visits = if is_news { 0 } else { self.quiet_visits + 1 };
+            }
+            if is_news {
                 self.trace.enter(State::Drop);
                 if self.drop_pellet(index) {
                     full.push(self.geometry.cell(index));
@@ -228,13 +239,19 @@ impl<Source: CellSource> Colony<Source> {
         self.note_connection();
     }
 
-    /// Puts a cell of the swathe that nobody knows on the list of those to look at, once.
-    fn claim(&mut self, index: usize, unseen: &mut Vec<u32>) {
+    /// Puts a cell of the swathe that nobody knows on the list of those to look at, once. Returns whether it is known then;
+    /// the budget may forbid that.
+    fn claim(&mut self, index: usize, unseen: &mut Vec<u32>) -> bool {
         let flags = &mut self.flags[index];
         if *flags & (flag::EVALUATED | flag::INSIDE) == flag::INSIDE {
+            let count = self.tally.cells_evaluated + unseen.len() as u64;
+            if self.budget.evaluations.is_some_and(|most| count >= most) {
+                return false;
+            }
             *flags |= flag::EVALUATED;
             unseen.push(index as u32);
         }
+        true
     }
 
     /// Asks for the ranks of claimed cells and takes note of them in order.
@@ -296,12 +313,16 @@ impl<Source: CellSource> Colony<Source> {
                 return;
             }
             unseen.clear();
-            for &cell in &full {
+            full.retain(|&cell| {
                 self.trace.enter_at(cell, State::Examine);
-                if let Some(near) = self.vicinity[step].from(&self.geometry, cell) {
-                    self.claim(self.geometry.index(near), &mut unseen);
+                let near = self.vicinity[step].from(&self.geometry, cell);
+                let known = near.is_none_or(|near| self.claim(self.geometry.index(near), &mut unseen));
+                if !known {
+                    // A test that the budget cuts short is made again after the next pellet.
+                    self.take_pellet(self.geometry.index(cell));
                 }
-            }
+                known
+            });
             self.look(&unseen);
         }
         for cell in full {

@@ -1,0 +1,93 @@
+//! The open cells of a repair, by the bits of a cost.
+//!
+//! A radix heap as in the search from scratch, with two differences: it can be emptied to be keyed anew, which is how a
+//! move of the robot and changed costs enter, and then it may begin below what it gave last.
+
+/// Cells ordered by a key that never falls below the last one taken since the queue was last emptied.
+#[derive(Clone, Debug)]
+pub(super) struct Queue {
+    /// By the highest bit in which a key differs from the last one taken.
+    buckets: Vec<Vec<(u64, u32)>>,
+    last: u64,
+}
+
+impl Queue {
+    pub(super) fn new() -> Self {
+        Self {
+            buckets: vec![Vec::new(); 65],
+            last: 0,
+        }
+    }
+
+    /// Adds a cell. Keys that rounding put below the last one taken count as equal to it.
+    pub(super) fn push(&mut self, key: u64, cell: u32) {
+        let key = key.max(self.last);
+        self.buckets[Self::bucket(key, self.last)].push((key, cell));
+    }
+
+    /// Takes a cell of least key.
+    pub(super) fn pop(&mut self) -> Option<(u64, u32)> {
+        if self.buckets[0].is_empty() {
+            let lowest = self.buckets.iter().position(|bucket| !bucket.is_empty())?;
+            let mut entries = std::mem::take(&mut self.buckets[lowest]);
+            self.last = entries.iter().map(|entry| entry.0).min()?;
+            for &(key, cell) in &entries {
+                self.buckets[Self::bucket(key, self.last)].push((key, cell));
+            }
+            entries.clear();
+            self.buckets[lowest] = entries;
+        }
+        self.buckets[0].pop()
+    }
+
+    /// Moves all cells to the end of a list; the queue may begin anywhere afterwards.
+    pub(super) fn empty_into(&mut self, cells: &mut Vec<u32>) {
+        for bucket in &mut self.buckets {
+            cells.extend(bucket.drain(..).map(|entry| entry.1));
+        }
+        self.last = 0;
+    }
+
+    fn bucket(key: u64, last: u64) -> usize {
+        64 - (key ^ last).leading_zeros() as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn keys_come_out_in_order_and_once_emptied_it_begins_anew(
+            first in prop::collection::vec(0u64..1 << 60, 1..60), more in prop::collection::vec(0u64..1 << 40, 0..60),
+            again in prop::collection::vec(0u64..1 << 30, 1..20),
+        ) {
+            let mut queue = Queue::new();
+            for &key in &first {
+                queue.push(key, 0);
+            }
+            let (mut last, mut taken, mut extra) = (0, 0, more.iter());
+            while let Some((key, _)) = queue.pop() {
+                prop_assert!(key >= last);
+                (last, taken) = (key, taken + 1);
+                if let Some(extra) = extra.next() {
+                    queue.push(last + extra, 1);
+                }
+            }
+            prop_assert_eq!(taken, first.len() + more.len().min(taken));
+            queue.push(last, 7);
+            let mut left = Vec::new();
+            queue.empty_into(&mut left);
+            prop_assert_eq!(left, [7]);
+            for &key in &again {
+                queue.push(key, 0);
+            }
+            let mut sorted = again.clone();
+            sorted.sort_unstable();
+            let out: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|entry| entry.0).collect();
+            prop_assert_eq!(out, sorted);
+        }
+    }
+}

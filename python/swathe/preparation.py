@@ -1,0 +1,201 @@
+"""A region made of what was asked for: elevation and soil read, warped, averaged, checked, and noted."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swathe.errors import TooSmallError
+from swathe.grid import GridGeometry
+from swathe.io.cost_raster import read_cost
+from swathe.io.elevation import open_elevation, require_known
+from swathe.io.memory import require_memory
+from swathe.io.soil import read_soil
+from swathe.io.sources import single
+from swathe.io.window import bounded
+from swathe.objective import closed_where, cost_factor
+from swathe.rank import Region
+from swathe.terrain import block_max, group_mean, height_map, slope
+from swathe.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from swathe.config import Settings, TerrainRequest
+    from swathe.grid import Position, Window
+    from swathe.io.crs import Frame
+    from swathe.io.elevation import ElevationSource
+    from swathe.io.sources import Source
+    from swathe.soil import SoilReport
+    from swathe.vehicle import Vehicle
+
+    OnProgress = Callable[[str, int, int], bool]
+
+#: The paper averages groups of 8 x 8 pixels; what is left must have a gradient.
+_PAPER_GROUP, _FEWEST_GROUPS = 8, 3
+
+
+@dataclass
+class Stopwatch:
+    """Seconds of each step, for the summary only."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Add the time of the block to a step."""
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A region with everything about it that outputs tell."""
+
+    region: Region
+    frame: Frame
+    source: ElevationSource
+    soil: SoilReport | None
+    soil_source: Source | None
+    cost: NDArray[np.float32] | None
+    cost_source: Source | None
+    notes: tuple[str, ...]
+    is_whole: bool
+
+
+def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: OnProgress | None = None) -> Ground:
+    """Read the whole map (or ``terrain.bounds``) and make a region of it, for pictures of it.
+
+    Raises:
+        SwatheError: the inputs cannot be used, or the user stopped.
+    """
+    watch = Stopwatch()
+    vehicle = load_vehicle(settings.vehicle)
+    with open_source(terrain) as source:
+        window = bounded(source, terrain.bounds, terrain.points_crs)
+        return prepare(source, terrain, window, vehicle, settings, is_whole=True, watch=watch, on_progress=on_progress)
+
+
+def open_source(terrain: TerrainRequest) -> ElevationSource:
+    """Open the elevation that was asked for; nothing is read yet."""
+    return open_elevation(
+        terrain.dem,
+        cell_size_m=terrain.cell_size_m,
+        crs=terrain.crs,
+        height_range_m=terrain.height_range_m,
+    )
+
+
+def place_of(source: ElevationSource, point: tuple[float, float], points_crs: str | None) -> Position:
+    """Return a point, in ``points_crs``, in the frame of the elevation."""
+    return source.frame.from_points(point[0], point[1], points_crs, source.source_crs_wkt)
+
+
+def prepare(
+    source: ElevationSource,
+    terrain: TerrainRequest,
+    window: Window,
+    vehicle: Vehicle,
+    settings: Settings,
+    *,
+    is_whole: bool,
+    watch: Stopwatch,
+    on_progress: OnProgress | None,
+) -> Ground:
+    """Read a window of the ground and make a region of it."""
+    frame = source.frame.window(window)
+    require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
+    with watch.step("read"):
+        report = None if on_progress is None else (lambda done, total: on_progress("reading elevation", done, total))
+        elevation_m = source.read(window, report)
+    if is_whole:
+        require_known(elevation_m, ", ".join(source.names))
+    notes: list[str] = []
+    grey = None
+    if settings.follows_paper:
+        frame, elevation_m, grey, more = _averaged(
+            frame, elevation_m, terrain.height_range_m if source.grey else None, vehicle
+        )
+        notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
+        notes += more
+    soil_report = codes = None
+    if terrain.soil is not None:
+        with watch.step("soil"):
+            layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
+        soil_report, codes = layer.report, layer.codes
+    region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
+    cost = cost_source = None
+    if terrain.cost_raster is not None:
+        with watch.step("cost"):
+            cost = cost_factor(region, read_cost(terrain.cost_raster, frame))
+        cost_source = single(terrain.cost_raster)
+        region = closed_where(region, cost)
+        notes.append(_cost_note(cost))
+    notes += _notes(region, source, soil_report)
+    soil_source = None if terrain.soil is None else single(terrain.soil)
+    return Ground(region, frame, source, soil_report, soil_source, cost, cost_source, tuple(notes), is_whole)
+
+
+def _cost_note(cost: NDArray[np.float32]) -> str:
+    known = cost[np.isfinite(cost)]
+    closed = 100 * float(np.mean(~np.isfinite(cost)))
+    span = f"{known.min():g} to {known.max():g}"
+    return f"Costs were multiplied by {span}, by cell; {closed:.1f} % of the cells were closed."
+
+
+def _averaged(
+    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None, vehicle: Vehicle
+) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], list[str]]:
+    """Average the map by groups of 8 x 8 pixels, as the paper does; heights and grey levels alike."""
+    geometry = frame.geometry
+    rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
+    if min(rows, columns) < _FEWEST_GROUPS:
+        raise TooSmallError(
+            f"The paper's groups of 8 x 8 cells make {rows} x {columns} of {geometry.rows} x {geometry.columns} cells.",
+            "At least 3 x 3 are needed: use a larger map, a smaller `--cell-size` or `--profile metric`.",
+        )
+    levels = height_map(elevation_m, grey_range_m)
+    grey, heights = group_mean(levels), group_mean(elevation_m)
+    coarse = GridGeometry(rows, columns, geometry.cell_size_m * _PAPER_GROUP, geometry.west_m, geometry.north_m)
+    notes = []
+    steepest = block_max(slope(elevation_m, geometry.cell_size_m))
+    known = steepest[np.isfinite(steepest)]
+    hidden = float(np.mean(known > vehicle.max_grade)) if known.size else 0.0
+    if hidden > 0:
+        notes.append(f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit.")
+    return replace(frame, geometry=coarse), heights, grey, notes
+
+
+def _notes(region: Region, source: ElevationSource, soil: SoilReport | None) -> list[str]:
+    """Return what a reader of any output must know about it."""
+    cell_m = region.geometry.cell_size_m
+    notes = [f"Obstacles smaller than a terrain cell ({cell_m:g} m) are not seen."]
+    if source.warped:
+        notes.append(f"Elevation was resampled to {source.frame.name}, {source.frame.geometry.cell_size_m:g} m cells.")
+    unknown = {
+        "neutral": "counts as goodness 3 and is not gated",
+        "avoid": "is avoided",
+    }.get(region.params.unknown_soil, f"counts as {region.params.unknown_soil}")
+    if region.soil is None:
+        notes.append(f"No soil map was given: unknown soil {unknown}.")
+    else:
+        if soil is not None and "generated" in soil.source:
+            notes.append("The soil layer was generated from the elevation by rule; it is not a survey.")
+        share = float(np.mean(region.soil == 0))
+        if share > 0:
+            notes.append(f"The soil of {100 * share:.1f} % of the cells is unknown; it {unknown}.")
+        if soil is not None and soil.not_understood:
+            labels = ", ".join(entry.label or entry.value for entry in soil.not_understood[:5])
+            notes.append(f"Soil labels not understood: {labels}.")
+    if region.vehicle.core.cone_index()[2]:
+        notes.append("The vehicle cone index is extrapolated: no formula was calibrated on vehicles this small.")
+    return notes
