@@ -293,7 +293,6 @@ def test_ranks_go_into_the_callers_array_when_it_fits() -> None:
     found = rank_map(ground, out=out)
     assert np.shares_memory(found.packed, out)
     np.testing.assert_array_equal(out, rank_map(ground).packed)
-    wrong: Any
     for wrong in (np.zeros((30, 20), np.uint8), np.zeros((20, 30), np.int8)):
         with pytest.raises(ShapeMismatchError):
             rank_map(ground, out=wrong)  # type: ignore[arg-type]
