@@ -25,7 +25,7 @@ class RepairTally:
     """What the last search of a :class:`Replanner` did, and how many there were.
 
     Attributes:
-        expanded: cells that it settled or unsettled, some of them more than once.
+        expanded: cells that it settled, unsettled or looked ahead from, some of them more than once.
         looked_at: the same, with the cells around changed ones and those whose way was withdrawn.
         afresh: whether it began from nothing.
         fresh_plans: searches from nothing so far.

@@ -4,7 +4,7 @@ use crate::grid::{Cell, EIGHT, GridError, GridGeometry, LayerView, SIXTEEN, Step
 use crate::planner::search::StepGraph;
 use crate::planner::{Corners, PlannerError};
 
-use super::ChangingGraph;
+use super::{ChangingGraph, MOST_STEPS};
 
 /// Closed cells around the map, as many as a step reaches, so that no step needs to look where the map ends.
 const BORDER: usize = 2;
@@ -156,7 +156,55 @@ impl StepGraph for ChangingCells {
     }
 }
 
+impl ChangingCells {
+    /// Costs per metre in the square of `W` by `W` cells around a cell.
+    fn square<const W: usize>(&self, cell: Cell) -> [[f64; W]; W] {
+        let mut square = [[f64::INFINITY; W]; W];
+        let mut first = self.place(cell) - (W / 2) * (self.stride + 1);
+        for line in &mut square {
+            if let Some(costs) = self.costs.get(first..).and_then(<[f64]>::first_chunk::<W>) {
+                *line = *costs;
+            }
+            first += self.stride;
+        }
+        square
+    }
+
+    /// Costs of the eight steps in the middle of a square, in the order of [`EIGHT`].
+    fn eight<const W: usize>(&self, around: &[[f64; W]; W], halves_m: [f64; 2]) -> [f64; 8] {
+        let at = |rows: i32, columns: i32| around[(W as i32 / 2 + rows) as usize][(W as i32 / 2 + columns) as usize];
+        let keep = self.corners == Corners::Keep;
+        std::array::from_fn(|k| {
+            let Step { rows, columns } = EIGHT[k];
+            let cost = halves_m[k % 2] * (at(0, 0) + at(rows, columns));
+            let closed = k % 2 == 1 && keep && at(rows, 0) + at(0, columns) == f64::INFINITY;
+            if closed { f64::INFINITY } else { cost }
+        })
+    }
+}
+
 impl ChangingGraph for ChangingCells {
+    fn costs_around(&self, cell: Cell) -> Option<[f64; MOST_STEPS]> {
+        let mut costs = [f64::INFINITY; MOST_STEPS];
+        let halves_m = |diagonal: usize| [self.lengths_m[0] / 2.0, self.lengths_m[diagonal] / 2.0];
+        if self.steps.len() == 8 {
+            let eight = self.eight(&self.square::<3>(cell), halves_m(1));
+            costs[..8].copy_from_slice(&eight);
+            return Some(costs);
+        }
+        let around = self.square::<5>(cell);
+        let eight = self.eight(&around, halves_m(2));
+        let at = |rows: i32, columns: i32| around[(2 + rows) as usize][(2 + columns) as usize];
+        for k in 0..8 {
+            costs[2 * k] = eight[k];
+            let Step { rows, columns } = SIXTEEN[2 * k + 1];
+            let (near, far) = ((rows / 2, columns / 2), (rows - rows / 2, columns - columns / 2));
+            let between = at(near.0, near.1) + at(far.0, far.1);
+            costs[2 * k + 1] = self.lengths_m[2 * k + 1] / 4.0 * ((at(0, 0) + at(rows, columns)) + between);
+        }
+        Some(costs)
+    }
+
     fn reach(&self) -> usize {
         if self.steps.len() > 8 { 2 } else { 1 }
     }

@@ -5,7 +5,7 @@
 //! of a way from the robot through them, and ends as soon as none can matter to the robot. Source: Koenig and Likhachev,
 //! "D* Lite", AAAI 2002 (the optimised form), and "Incremental A*", NIPS 2001.
 //!
-//! Three things are done otherwise than there:
+//! Four things are done otherwise than there:
 //!
 //! - Instead of a growing offset of keys, the open cells are keyed anew before a repair; they are few. Moves along the way
 //!   need no repair at all: a scalar tells how far the robot may go before an open cell could matter.
@@ -13,10 +13,12 @@
 //!   way has one cost, whatever was searched before it; the cost of a repaired way equals that of a fresh plan to the last
 //!   bit, and steps that cost nothing cannot hold each other up in a circle after their way to the goal was closed.
 //! - A repair that comes to a share of a fresh plan's work is given up for a fresh plan.
+//! - Where costs have only risen, a look ahead from the robot tells which cells need repair (`scout.rs`).
 
 mod cells;
 mod ground;
 mod queue;
+mod scout;
 mod settle;
 #[cfg(test)]
 mod tests;
@@ -39,7 +41,17 @@ pub trait ChangingGraph: StepGraph {
 
     /// A lower bound on the cost from a cell to another, consistent with the edges. It may fall when cells change.
     fn least(&self, from: Cell, to: Cell) -> f64;
+
+    /// The costs of all steps out of a cell, for graphs that work them out together more quickly than one by one and
+    /// whose steps cost the same in both directions, to the last bit. Steps come as [`EIGHT`](crate::grid::EIGHT) or
+    /// [`SIXTEEN`](crate::grid::SIXTEEN), opposite ones half a turn apart; places beyond the last step are not read.
+    fn costs_around(&self, _cell: Cell) -> Option<[f64; MOST_STEPS]> {
+        None
+    }
 }
+
+/// Most steps out of a cell of a graph that prices them together.
+pub const MOST_STEPS: usize = 16;
 
 /// Share of a fresh plan's work after which a repair is given up for one, when nothing else is asked.
 pub const REPAIR_SHARE: f64 = 0.2;
@@ -56,10 +68,16 @@ const LISTED: u8 = 0x20;
 /// Mark of a cell whose way was withdrawn: what it is promised is no more than a lower bound until it is looked at again.
 const UNSURE: u8 = 0x40;
 
+/// Mark of a cell whose way to the goal is known to be as it was, while looking ahead.
+const SOUND: u8 = 0x80;
+
+/// Mark of a cell whose way to the goal is known to be spoiled, while looking ahead.
+const BROKEN: u8 = LISTED;
+
 /// What the searches of a [`Repair`] have done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepairTally {
-    /// Cells that the last search settled or unsettled.
+    /// Cells that the last search settled, unsettled or looked ahead from.
     pub expanded: u64,
     /// Cells that it looked at, those around changed cells included: expanded, or their successors compared.
     pub work: u64,
@@ -73,7 +91,8 @@ pub struct RepairTally {
 
 /// A way to a goal that is kept right while cells change and the robot moves.
 ///
-/// Needs 17 bytes per cell, given by the system as cells are first touched, and 16 for every open cell.
+/// Needs 17 bytes per cell, given by the system as cells are first touched, 8 more for cells looked at ahead, and 16 for
+/// every open cell.
 #[derive(Clone, Debug)]
 pub struct Repair {
     geometry: GridGeometry,
@@ -83,9 +102,21 @@ pub struct Repair {
     /// Settled and promised cost of every cell: bits xored with those of infinity.
     costs: Vec<[u64; 2]>,
     marks: Vec<u8>,
+    /// How far the index of a cell is from that of the cell where a step leads.
+    offsets: Vec<isize>,
     queue: Queue,
     /// Cells that are open and not in the queue.
     touched: Vec<u32>,
+    /// Costs from the robot to the cells that matter to a repair: bits xored with those of infinity.
+    from_robot: Vec<u64>,
+    /// Cells that have such a cost.
+    reached: Vec<u32>,
+    /// Cells to look ahead from.
+    ahead: Queue,
+    /// Whether the repair goes by costs from the robot.
+    scouted: bool,
+    /// The robot's cell at the last search if that went by costs from the robot: then the costs along its way are right.
+    way_from: Option<Cell>,
     /// Nothing open costs less than this by way of the cell, where the robot was at the last search.
     floor: Option<(f64, Cell)>,
     /// Effort after which the repair that is due is given up, once it was worked out.
@@ -118,8 +149,14 @@ impl Repair {
             share: REPAIR_SHARE,
             costs: Vec::new(),
             marks: Vec::new(),
+            offsets: graph.steps().iter().map(|step| offset(&geometry, *step)).collect(),
             queue: Queue::new(),
             touched: Vec::new(),
+            from_robot: Vec::new(),
+            reached: Vec::new(),
+            ahead: Queue::new(),
+            scouted: false,
+            way_from: None,
             floor: None,
             allowed: None,
             effort: 0,
@@ -193,6 +230,7 @@ impl Repair {
             self.marks[index as usize] &= !LISTED;
         }
         self.floor = None;
+        self.way_from = None;
         if self.effort + listed.len() as u64 > self.allowance(graph) {
             self.forget();
             return;
@@ -261,6 +299,7 @@ impl Repair {
         self.set_promised(goal, 0);
         self.touched = vec![goal as u32];
         self.floor = None;
+        self.way_from = None;
         self.begun = false;
         self.afresh = true;
         self.allowed = None;
@@ -268,10 +307,25 @@ impl Repair {
     }
 
     /// Whether the robot's cost is known to be right without a search.
-    fn is_current(&self, graph: &impl ChangingGraph) -> bool {
-        let [settled, promised] = self.values(self.geometry.index(self.start));
+    fn is_current(&mut self, graph: &impl ChangingGraph) -> bool {
+        let start = self.geometry.index(self.start);
+        if let Some(from) = self.way_from {
+            let (mut at, goal) = (self.geometry.index(from), self.geometry.index(self.goal));
+            while at != start && at != goal {
+                let step = usize::from(self.marks[at] & STEP);
+                let Some(&offset) = self.offsets.get(step.wrapping_sub(1)) else {
+                    return false;
+                };
+                at = at.wrapping_add_signed(offset);
+            }
+            if at == start {
+                self.way_from = Some(self.start);
+            }
+            return at == start;
+        }
+        let [settled, promised] = self.values(start);
         let Some((floor, at)) = self.floor else { return false };
-        let unsure = self.marks[self.geometry.index(self.start)] & UNSURE > 0;
+        let unsure = self.marks[start] & UNSURE > 0;
         settled == promised && !unsure && floor - graph.least(at, self.start) >= f64::from_bits(settled)
     }
 
@@ -281,6 +335,17 @@ impl Repair {
         if cell == self.goal {
             return false;
         }
+        let (best, towards) = match graph.costs_around(cell) {
+            Some(costs) => self.promise_at_once(&costs, index),
+            None => self.promise(graph, cell),
+        };
+        self.set_promised(index, best);
+        self.marks[index] = towards;
+        self.values(index)[0] != best
+    }
+
+    /// What a cell's successors promise and the mark of the step there, step by step.
+    fn promise(&self, graph: &impl ChangingGraph, cell: Cell) -> (u64, u8) {
         let (mut best, mut towards) = (INFINITE, 0);
         for (k, step) in graph.steps().iter().enumerate() {
             let Some(next) = step.from(&self.geometry, cell) else {
@@ -294,9 +359,23 @@ impl Repair {
                 }
             }
         }
-        self.set_promised(index, best);
-        self.marks[index] = towards;
-        self.values(index)[0] != best
+        (best, towards)
+    }
+
+    /// The same for steps that were priced together. Those that leave the map are closed, so it does not matter which cell
+    /// is looked at for them.
+    fn promise_at_once(&self, costs: &[f64; MOST_STEPS], index: usize) -> (u64, u8) {
+        let (mut best, mut towards) = (INFINITE, 0);
+        for (k, (&offset, &cost)) in self.offsets.iter().zip(costs).enumerate() {
+            let Some(values) = self.costs.get(index.wrapping_add_signed(offset)) else {
+                continue;
+            };
+            let offered = joined(cost, values[0] ^ INFINITE);
+            let better = offered < best;
+            best = if better { offered } else { best };
+            towards = if better { k as u8 + 1 } else { towards };
+        }
+        (best, towards)
     }
 
     /// Appends the cells within `reach` rows and columns of some cells to those touched, each once and marked.
@@ -353,6 +432,11 @@ impl Repair {
     fn set_promised(&mut self, index: usize, cost: u64) {
         self.costs[index][1] = cost ^ INFINITE;
     }
+}
+
+/// How far a step leads among the indices of cells.
+fn offset(geometry: &GridGeometry, step: Step) -> isize {
+    step.rows as isize * geometry.columns() as isize + step.columns as isize
 }
 
 /// A step's cost and the cost behind it, in bits: their sum, and in any case more than what is behind.

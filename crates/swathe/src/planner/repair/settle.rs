@@ -2,10 +2,11 @@
 
 use std::collections::HashSet;
 
-use crate::grid::Cell;
+use crate::grid::{Cell, Step};
 use crate::progress::Report;
 
-use super::{ChangingGraph, INFINITE, LISTED, Repair, UNSURE, joined};
+use super::scout::Scouted;
+use super::{ChangingGraph, INFINITE, LISTED, MOST_STEPS, Repair, UNSURE, joined};
 
 /// Effort that a repair may always take: on maps this small it does not matter.
 const FREE_EFFORT: u64 = 128;
@@ -38,8 +39,8 @@ pub(super) enum Ended {
 }
 
 impl Repair {
-    /// Puts every open cell into the queue by its key of now.
-    fn key_anew(&mut self, graph: &impl ChangingGraph) {
+    /// Puts every open cell into the queue by its key of now; `most` bounds the look ahead. False when asked to stop.
+    fn key_anew(&mut self, graph: &impl ChangingGraph, most: u64, report: &mut Report) -> bool {
         let mut open = std::mem::take(&mut self.touched);
         self.queue.empty_into(&mut open);
         open.retain(|&index| {
@@ -53,17 +54,43 @@ impl Repair {
             keep
         });
         for &index in &open {
-            let at = index as usize;
-            self.marks[at] &= !LISTED;
-            let [settled, promised] = self.values(at);
-            let key = self.key(graph, self.geometry.cell(at), settled.min(promised));
-            self.queue.push(key, index);
+            self.marks[index as usize] &= !LISTED;
+        }
+        if !self.afresh && self.scout(graph, &open, most, report) == Scouted::Stopped {
+            self.touched = open;
+            return false;
+        }
+        for &index in &open {
+            let [settled, promised] = self.values(index as usize);
+            self.put(graph, self.geometry.cell(index as usize), settled.min(promised));
+        }
+        true
+    }
+
+    /// Lower bound on the cost of a way from the robot through a cell, infinite for cells that do not matter.
+    ///
+    /// Among those that do, the costs from the robot would make the bound of all cells of a way the same but for rounding,
+    /// and cells would be settled before those they depend on; the cost to the goal alone keeps them in order.
+    fn key(&self, graph: &impl ChangingGraph, cell: Cell, cost: u64) -> u64 {
+        if !self.scouted {
+            return (f64::from_bits(cost) + graph.least(self.start, cell)).to_bits();
+        }
+        if self.cost_from_robot(self.geometry.index(cell)) < f64::INFINITY {
+            cost
+        } else {
+            INFINITE
         }
     }
 
-    /// Lower bound on the cost of a way from the robot through a cell.
-    fn key(&self, graph: &impl ChangingGraph, cell: Cell, cost: u64) -> u64 {
-        (f64::from_bits(cost) + graph.least(self.start, cell)).to_bits()
+    /// Puts an open cell into the queue, or aside when it does not matter now.
+    fn put(&mut self, graph: &impl ChangingGraph, cell: Cell, cost: u64) {
+        let index = self.geometry.index(cell) as u32;
+        let key = self.key(graph, cell, cost);
+        if self.scouted && key == INFINITE {
+            self.touched.push(index);
+        } else {
+            self.queue.push(key, index);
+        }
     }
 
     /// Searches until the robot's cost is right, or for a while.
@@ -71,7 +98,11 @@ impl Repair {
         let allowed = self.allowance(graph);
         self.begun = true;
         self.floor = None;
-        self.key_anew(graph);
+        self.way_from = None;
+        // Half of what is allowed for looking ahead leaves as much for a repair without.
+        if !self.key_anew(graph, allowed.saturating_sub(self.effort) / 2, report) {
+            return Ended::Stopped;
+        }
         let start = self.geometry.index(self.start);
         let mut looked_around = false;
         let mut next_report = self.looked;
@@ -87,7 +118,8 @@ impl Repair {
                 self.floor = Some((f64::from_bits(key), self.start));
                 break Ended::Settled;
             }
-            if best.is_infinite() && !looked_around {
+            // A look ahead that ended well has found a way.
+            if best.is_infinite() && !looked_around && !self.scouted {
                 looked_around = true;
                 if self.is_enclosed(graph) {
                     self.queue.push(key, index);
@@ -106,6 +138,14 @@ impl Repair {
             }
             self.expand(graph, key, index as usize);
         };
+        if std::mem::take(&mut self.scouted) {
+            // Others than the robot's way may still need what was put aside.
+            self.floor = None;
+            if matches!(ended, Ended::Settled) {
+                self.way_from = Some(self.start);
+            }
+        }
+        self.forget_scouted();
         self.tally.work = self.looked;
         if matches!(ended, Ended::Settled) {
             (self.allowed, self.effort, self.looked) = (None, 0, 0);
@@ -152,7 +192,7 @@ impl Repair {
         } else {
             self.set_settled(index, INFINITE);
             if promised < INFINITE {
-                self.queue.push(self.key(graph, here, promised), index as u32);
+                self.put(graph, here, promised);
             }
             self.withdraw(graph, here);
         }
@@ -160,22 +200,49 @@ impl Repair {
 
     /// Lets the cells before a settled one go by way of it.
     fn offer(&mut self, graph: &impl ChangingGraph, here: Cell, cost: u64) {
+        if let Some(costs) = graph.costs_around(here) {
+            self.offer_at_once(graph, here, cost, &costs);
+            return;
+        }
         for (k, step) in graph.steps().iter().enumerate() {
             let Some(before) = self.geometry.offset(here, -step.rows, -step.columns) else {
                 continue;
             };
             let index = self.geometry.index(before);
-            let [settled, promised] = self.values(index);
-            if promised <= cost {
-                continue;
+            if self.values(index)[1] > cost {
+                let offered = joined(graph.edge_cost(before, k), cost);
+                self.take(graph, before, k, offered);
             }
-            let offered = joined(graph.edge_cost(before, k), cost);
-            if offered < promised {
-                self.set_promised(index, offered);
-                self.marks[index] = k as u8 + 1;
-                if offered < settled {
-                    self.queue.push(self.key(graph, before, offered), index as u32);
-                }
+        }
+    }
+
+    /// The same for steps that were priced together; each costs what the opposite one does.
+    fn offer_at_once(&mut self, graph: &impl ChangingGraph, here: Cell, cost: u64, costs: &[f64; MOST_STEPS]) {
+        let index = self.geometry.index(here);
+        let steps = graph.steps();
+        for (k, step) in steps.iter().enumerate() {
+            let back = opposite(k, steps.len());
+            let Some(values) = self.costs.get(index.wrapping_add_signed(self.offsets[k])) else {
+                continue;
+            };
+            // Where a step leaves the map it is closed, and nothing is promised less than by a closed one.
+            let offered = joined(costs[k], cost);
+            if offered < values[1] ^ INFINITE {
+                let before = beside(here, *step);
+                self.take(graph, before, back, offered);
+            }
+        }
+    }
+
+    /// Gives a cell another promise and the step that keeps it, when it is less than the one it has.
+    fn take(&mut self, graph: &impl ChangingGraph, cell: Cell, step: usize, offered: u64) {
+        let index = self.geometry.index(cell);
+        let [settled, promised] = self.values(index);
+        if offered < promised {
+            self.set_promised(index, offered);
+            self.marks[index] = step as u8 + 1;
+            if offered < settled {
+                self.put(graph, cell, offered);
             }
         }
     }
@@ -183,16 +250,20 @@ impl Repair {
     /// Marks the cells that went by way of an unsettled one. They are looked at again when it is their turn: by then all
     /// that was nearer to the goal is known, and many need it once instead of several times.
     fn withdraw(&mut self, graph: &impl ChangingGraph, here: Cell) {
+        let index = self.geometry.index(here);
         for (k, step) in graph.steps().iter().enumerate() {
-            let Some(before) = self.geometry.offset(here, -step.rows, -step.columns) else {
-                continue;
-            };
-            let index = self.geometry.index(before);
-            if self.marks[index] == k as u8 + 1 {
-                self.marks[index] |= UNSURE;
-                let [settled, promised] = self.values(index);
+            let before = index.wrapping_add_signed(-self.offsets[k]);
+            // No cell holds a step that leaves the map, so one that is beside only by its index does not hold this step.
+            if self.marks.get(before) == Some(&(k as u8 + 1)) {
+                self.marks[before] |= UNSURE;
+                let [settled, promised] = self.values(before);
                 if settled == promised {
-                    self.queue.push(self.key(graph, before, settled), index as u32);
+                    let back = Step {
+                        rows: -step.rows,
+                        columns: -step.columns,
+                    };
+                    let cell = beside(here, back);
+                    self.put(graph, cell, settled);
                 }
             }
         }
@@ -252,4 +323,17 @@ impl Repair {
         }
         true
     }
+}
+
+/// The step that leads back, among as many as turn around a cell.
+fn opposite(step: usize, steps: usize) -> usize {
+    (step + steps / 2) % steps
+}
+
+/// The cell where a step leads that is known to stay on the map.
+pub(super) fn beside(cell: Cell, step: Step) -> Cell {
+    Cell::new(
+        cell.row.wrapping_add_signed(step.rows as isize),
+        cell.column.wrapping_add_signed(step.columns as isize),
+    )
 }

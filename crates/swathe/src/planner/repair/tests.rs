@@ -196,6 +196,15 @@ proptest! {
         for cell in geometry.cells() {
             for k in 0..ours.steps().len() {
                 prop_assert_eq!(ours.edge_cost(cell, k), theirs.edge_cost(cell, k));
+                // Priced together, forwards and backwards.
+                let together = ours.costs_around(cell).unwrap();
+                prop_assert_eq!(together[k], ours.edge_cost(cell, k));
+                if let Some(next) = ours.steps()[k].from(&geometry, cell) {
+                    let back = (k + ours.steps().len() / 2) % ours.steps().len();
+                    prop_assert_eq!(together[k], ours.edge_cost(next, back));
+                } else {
+                    prop_assert_eq!(together[k], CLOSED);
+                }
             }
             prop_assert!((ours.bound(cell) - theirs.bound(cell)).abs() <= 1e-9 * theirs.bound(cell));
         }
@@ -375,15 +384,15 @@ fn going_along_the_way_searches_nothing_and_far_changes_next_to_nothing() {
     repair.update(&graph, [far]);
     repair.path(&graph, &mut silent());
     assert!(repair.tally().expanded == 0 && repair.tally().work < 20);
-    // Beside the robot: a repair, and far less work than the first plan.
-    let here = cells[cells.len() / 2];
-    let beside: Vec<Cell> = (0..25)
-        .filter_map(|i| geometry.offset(here, i / 5 - 2, i % 5 + 2))
+    // On the way just ahead of the robot: a repair, and far less work than the first plan.
+    let ahead = cells[cells.len() / 2 + 4];
+    let patch: Vec<Cell> = (0..25)
+        .filter_map(|i| geometry.offset(ahead, i / 5 - 2, i % 5 - 2))
         .collect();
-    for &cell in &beside {
+    for &cell in &patch {
         graph.change([(cell, 6.0)]).unwrap();
     }
-    repair.update(&graph, beside);
+    repair.update(&graph, patch);
     repair.path(&graph, &mut silent());
     let tally = repair.tally();
     assert!(
