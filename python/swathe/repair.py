@@ -176,9 +176,8 @@ class Replanner:
         if found is None:
             return NoRoute("no_route", "Closed cells separate start and goal.")
         way, cost = found
-        steps = np.diff(np.asarray(way, dtype=np.float64), axis=0)
-        length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self._cell_size_m) if len(way) > 1 else 0.0
-        return Path([Cell(*cell) for cell in way], cost, length_m)
+        length_m = math.fsum(map(math.dist, way, way[1:])) * self._cell_size_m
+        return Path(list(map(Cell._make, way)), cost, length_m)
 
     @property
     def tally(self) -> RepairTally:

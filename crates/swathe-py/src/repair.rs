@@ -63,8 +63,11 @@ impl Replanner {
     ) -> PyResult<usize> {
         let columns = costs.as_array().dim().1.max(1);
         let data = values(&costs)?;
-        let cells = (0..data.len()).map(|i| Cell::new(row + i / columns, column + i % columns));
-        self.change(py, cells.zip(data.iter().copied()))
+        let changes = data.chunks(columns).enumerate().flat_map(|(down, line)| {
+            let cells = (column..).map(move |column| Cell::new(row + down, column));
+            cells.zip(line.iter().copied())
+        });
+        self.change(py, changes)
     }
 
     /// Gives single cells other costs; returns how many have changed.
