@@ -17,6 +17,7 @@ from swathe.errors import (
     ShapeMismatchError,
     SwatheError,
     TooLargeError,
+    UnreadableFileError,
 )
 
 EMPTY = (
@@ -76,6 +77,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         ShapeMismatchError,
         "the soil layer has 3 cells where the grid has 4.",
         "Read all layers on one geometry, for instance with the same window.",
+    ),
+    "grid.tile_side": (
+        InvalidParameterError,
+        "Tiles of 3 cells a side that begin 0 rows and 0 columns before the grid cannot be made.",
+        "Give a power of two up to 32768, and a place inside a tile.",
     ),
     "grid.outside_grid": (
         OutsideGridError,
@@ -149,11 +155,17 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
     "swarm.nest": RANK_MIN_0,
     "swarm.grid": EMPTY,
     "swarm.parameter": SWARM,
+    "swarm.source": (
+        UnreadableFileError,
+        "The tile at row 256, column 0 cannot be read.",
+        "Check the file and the network, and try again.",
+    ),
     "planner.grid": EMPTY,
     "planner.rank": NO_GREY,
     "planner.corridor": WIDTH,
     "planner.nest": RANK_MIN_0,
     "planner.swarm": SWARM,
+    "planner.source": (InterruptedBySignalError, "Reading was stopped.", ""),
     "planner.negative_cost": (
         InvalidParameterError,
         "The cost -1 at cell (0, 1) is negative: costs must be at least 0, NaN or infinite where closed.",

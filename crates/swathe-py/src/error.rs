@@ -5,7 +5,7 @@ use swathe::corridor::CorridorError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
-use swathe::rank::RankError;
+use swathe::rank::{RankError, SourceFault};
 use swathe::soil::SoilError;
 use swathe::swarm::SwarmError;
 use swathe::terrain::TerrainError;
@@ -18,6 +18,7 @@ mod python {
     pyo3::import_exception!(swathe.errors, InvalidVehicleError);
     pyo3::import_exception!(swathe.errors, OutsideGridError);
     pyo3::import_exception!(swathe.errors, ShapeMismatchError);
+    pyo3::import_exception!(swathe.errors, UnreadableFileError);
     pyo3::import_exception!(swathe.errors, TooLargeError);
 }
 
@@ -63,6 +64,7 @@ enum Class {
     Outside,
     Vehicle,
     AllVoid,
+    Unread,
     TooLarge,
     Stopped,
 }
@@ -111,6 +113,13 @@ impl CoreError {
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Memory { .. }) => Class::TooLarge,
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
+            Self::Swarm(SwarmError::Source(fault))
+            | Self::Planner(PlannerError::Source(fault) | PlannerError::Swarm(SwarmError::Source(fault))) => {
+                match fault {
+                    SourceFault::Unreadable { .. } => Class::Unread,
+                    SourceFault::Stopped => Class::Stopped,
+                }
+            }
         }
     }
 
@@ -134,6 +143,7 @@ fn of_grid(error: &GridError) -> Class {
         GridError::Empty { .. } => Class::Parameter("Give at least one row and one column."),
         GridError::TooManyCells { .. } => Class::Parameter("Choose a window or coarser cells."),
         GridError::NotALength { .. } => Class::Parameter("Give it in metres."),
+        GridError::TileSide { .. } => Class::Parameter("Give a power of two up to 32768, and a place inside a tile."),
         GridError::ShapeMismatch { .. } => Class::Shape,
         GridError::OutsideGrid { .. } => Class::Outside,
     }
@@ -187,6 +197,9 @@ impl From<CoreError> for PyErr {
                 python::InvalidVehicleError::new_err((message, "Correct the figure in the vehicle's file."))
             }
             Class::AllVoid => python::AllVoidError::new_err((message, "Give elevation data that covers the area.")),
+            Class::Unread => {
+                python::UnreadableFileError::new_err((message, "Check the file and the network, and try again."))
+            }
             Class::TooLarge => python::TooLargeError::new_err((
                 message,
                 "Use coarser cells or a part of the map, or allow more memory.",
@@ -238,6 +251,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             }
             .into(),
         ),
+        ("grid.tile_side", GridError::TileSide { side: 3, first: (0, 0) }.into()),
         (
             "grid.outside_grid",
             GridError::OutsideGrid {
@@ -293,6 +307,10 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("swarm.parameter", SwarmError::Parameter { name, given, allowed }.into()),
         (
+            "swarm.source",
+            SwarmError::Source(SourceFault::Unreadable { row: 256, column: 0 }).into(),
+        ),
+        (
             "planner.grid",
             PlannerError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
         ),
@@ -309,6 +327,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             "planner.swarm",
             PlannerError::Swarm(SwarmError::Parameter { name, given, allowed }).into(),
         ),
+        ("planner.source", PlannerError::Source(SourceFault::Stopped).into()),
         (
             "planner.negative_cost",
             PlannerError::NegativeCost {

@@ -16,12 +16,13 @@ use crate::progress::silent;
 use crate::random::{philox, unit};
 use crate::rank::{CellSource, Ranker};
 use crate::soil::{SoilClass, Trafficability};
-use crate::swarm::{Colony, StopRule};
+use crate::swarm::{Colony, Ending, StopRule};
 use crate::terrain::gradient_at;
 
 use super::PlannerError;
 use super::answer::{Plan, Stage};
 use super::plan::{MOST_TICKS, Planner, Searched};
+use super::refusal::beyond;
 use super::search::{Search, StepGraph, search};
 use super::stop::StoppedBy;
 use super::watch::{Scene, Watch, centres};
@@ -212,7 +213,7 @@ impl Planner<'_> {
         let (start, goal) = (ends.start.0, ends.goal.0);
         let arc = match self.connect(&mut colony, &mut paces, start, goal, watch)? {
             Laid::Through(arc) => arc,
-            Laid::Nothing => return self.go_on(answer, colony, StopRule::Finished, watch),
+            Laid::Nothing => return self.nothing_left(answer, colony, watch),
             Laid::Spent(by) => return self.answer_early(answer, colony, by, watch),
         };
         drop(paces);
@@ -240,7 +241,24 @@ impl Planner<'_> {
             colony.give_nests(&nests);
         }
         answer.corridor = None;
-        self.go_on(answer, colony, StopRule::Finished, watch)
+        self.nothing_left(answer, colony, watch)
+    }
+
+    /// Tries everything else when no arc is left, and says why there is no way. Of a part of a map that is read when it is
+    /// needed nothing more is read: a larger part is what is needed.
+    fn nothing_left(
+        &self,
+        mut answer: Plan,
+        mut colony: Colony<&Ranker<'_>>,
+        watch: &mut Watch,
+    ) -> Result<Plan, PlannerError> {
+        if !(self.ranker.reads_when_needed() && self.terrain.map_continues) {
+            return self.go_on(answer, colony, StopRule::Finished, watch);
+        }
+        answer.note(&colony.tally());
+        answer.nests = Some(colony.take_nests()?);
+        answer.note_stop(&colony, StoppedBy::Finished);
+        Ok(answer.refused(beyond()))
     }
 
     /// Goes on all over the map until a rule ends that, and answers from what is known then.
@@ -271,6 +289,10 @@ impl Planner<'_> {
         by: StoppedBy,
         watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
+        if colony.spent() == Some(Ending::Stopped) {
+            // The caller stopped the reading of ground, not the clock the work.
+            return Err(PlannerError::Stopped);
+        }
         answer.note(&colony.tally());
         let nests = colony.take_nests()?;
         answer = self.finish(answer, nests, Searched::Early(by), watch)?;

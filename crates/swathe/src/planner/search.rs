@@ -42,17 +42,30 @@ pub enum Search {
 }
 
 /// Costs from a start, settled as far as the search went.
+///
+/// Each is kept as the bits in which it differs from infinity: memory that is nothing but zeros costs nothing until it is
+/// written, so that a search of a few cells of a large map is quick.
 struct Costs {
-    to: Vec<f64>,
+    bits: Vec<u64>,
     settled: Vec<u64>,
 }
+
+const INFINITE: u64 = f64::INFINITY.to_bits();
 
 impl Costs {
     fn new(cells: usize) -> Self {
         Self {
-            to: vec![f64::INFINITY; cells],
+            bits: vec![0; cells],
             settled: vec![0; cells.div_ceil(64)],
         }
+    }
+
+    fn to(&self, index: usize) -> f64 {
+        f64::from_bits(self.bits[index] ^ INFINITE)
+    }
+
+    fn set(&mut self, index: usize, cost: f64) {
+        self.bits[index] = cost.to_bits() ^ INFINITE;
     }
 
     fn is_settled(&self, index: usize) -> bool {
@@ -72,7 +85,7 @@ pub fn search(graph: &impl StepGraph, start: Cell, goal: Cell, report: &mut Repo
         Some(false) => Search::Unreachable,
         Some(true) => Search::Found {
             cells: trace(graph, start, goal, &costs),
-            cost: costs.to[graph.geometry().index(goal)],
+            cost: costs.to(graph.geometry().index(goal)),
         },
     }
 }
@@ -80,7 +93,8 @@ pub fn search(graph: &impl StepGraph, start: Cell, goal: Cell, report: &mut Repo
 /// Costs from `start` to every cell, infinite where no way leads; `None` when the caller asked to stop.
 pub fn cost_field(graph: &impl StepGraph, start: Cell, report: &mut Report) -> Option<Vec<f64>> {
     let mut costs = Costs::new(graph.geometry().cell_count());
-    settle(graph, start, None, &mut costs, report).map(|_| costs.to)
+    settle(graph, start, None, &mut costs, report)?;
+    Some((0..costs.bits.len()).map(|index| costs.to(index)).collect())
 }
 
 /// Settles cells until the goal is; returns whether it was reached.
@@ -95,7 +109,7 @@ fn settle(
     let goal = goal.map(|goal| geometry.index(goal));
     let mut queue = RadixHeap::new();
     let first = geometry.index(start);
-    costs.to[first] = 0.0;
+    costs.set(first, 0.0);
     queue.push(graph.bound(start), first as u32);
     let mut expanded = 0;
     while let Some((_, index)) = queue.pop() {
@@ -112,7 +126,7 @@ fn settle(
             return None;
         }
         expanded += 1;
-        let (here, so_far) = (geometry.cell(index), costs.to[index]);
+        let (here, so_far) = (geometry.cell(index), costs.to(index));
         for (k, step) in graph.steps().iter().enumerate() {
             let Some(near) = step.from(&geometry, here) else {
                 continue;
@@ -122,8 +136,8 @@ fn settle(
                 continue;
             }
             let cost = so_far + graph.edge_cost(here, k);
-            if cost < costs.to[next] {
-                costs.to[next] = cost;
+            if cost < costs.to(next) {
+                costs.set(next, cost);
                 queue.push(cost + graph.bound(near), next as u32);
             }
         }
@@ -141,13 +155,13 @@ fn trace(graph: &impl StepGraph, start: Cell, goal: Cell, costs: &Costs) -> Vec<
     while let Some((here, first)) = walk.last().copied()
         && here != start
     {
-        let cost = costs.to[geometry.index(here)];
+        let cost = costs.to(geometry.index(here));
         let previous = (first..graph.steps().len()).find_map(|k| {
             let Step { rows, columns } = graph.steps()[k];
             let before = geometry.offset(here, -rows, -columns)?;
             let index = geometry.index(before);
             let explains = costs.is_settled(index)
-                && costs.to[index] + graph.edge_cost(before, k) == cost
+                && costs.to(index) + graph.edge_cost(before, k) == cost
                 && !entered.contains(&before);
             explains.then_some((k, before))
         });

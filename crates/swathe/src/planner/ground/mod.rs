@@ -347,12 +347,11 @@ impl<'a> Ground<'a> {
 
     /// Height at an inner border of a template.
     fn border_m(&self, from: Cell, weights: &[(Step, f64)]) -> f64 {
-        let geometry = self.geometry();
         let (mut sum, mut total) = (0.0, 0.0);
         for (step, weight) in weights {
             let row = (from.row as i64 + i64::from(step.rows)) as usize;
             let column = (from.column as i64 + i64::from(step.columns)) as usize;
-            let height = f64::from(self.elevation_m.data()[row * geometry.columns() + column]);
+            let height = f64::from(self.elevation_m[Cell::new(row, column)]);
             if height.is_finite() {
                 sum += weight * height;
                 total += weight;
