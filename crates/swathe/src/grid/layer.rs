@@ -145,6 +145,15 @@ impl<T> Index<Cell> for LayerView<'_, T> {
 }
 
 impl<T> LayerView<'_, T> {
+    /// The value of the cell with an index, which must lie inside; in tiles too.
+    #[inline]
+    pub fn at(&self, index: usize) -> &T {
+        match self.data.get(index) {
+            Some(value) => value,
+            None => self.in_tiles(self.geometry.cell(index)),
+        }
+    }
+
     #[cold]
     fn in_tiles(&self, cell: Cell) -> &T {
         match self.tiles {
