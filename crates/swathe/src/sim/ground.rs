@@ -85,7 +85,7 @@ impl TruthErrors {
         let error = |row: f64, column: f64| {
             // Two normals to a draw: even and odd columns share it.
             let [even, odd] = noise.normals(Stream::Height, row as u64, column as u32 / 2);
-            if column as u32 % 2 == 0 { even } else { odd }
+            if (column as u32).is_multiple_of(2) { even } else { odd }
         };
         for (cell, height) in geometry.cells().zip(truth.data_mut()) {
             let (v, u) = self.patch_of(geometry, cell.row, cell.column);

@@ -185,9 +185,8 @@ fn cross(a: Position, b: Position, c: Position, d: Position) -> bool {
 /// Whether a point lies in a simple polygon (even-odd rule).
 fn contains(corners: &[Position], point: Position) -> bool {
     let mut inside = false;
-    let mut before = match corners.last() {
-        Some(&last) => last,
-        None => return false,
+    let Some(&(mut before)) = corners.last() else {
+        return false;
     };
     for &corner in corners {
         if (corner.y_m > point.y_m) != (before.y_m > point.y_m) {
