@@ -36,10 +36,11 @@ def test_collisions_are_shapelys(
 ) -> None:
     box = sim.Box(x, y, size, 0.7, turn)
     pose = Pose(*other)
-    for shape, area in [
+    shapes: list[tuple[sim.Box | sim.Wall, Area | LineString]] = [
         (box, Area(box.corners)),
         (sim.Wall([(x, y), (turn, size)]), LineString([(x, y), (turn, size)])),
-    ]:
+    ]
+    for shape, area in shapes:
         world = plain()
         world.place(shape)
         apart = footprint(pose).distance(area)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
+
+    _Five = tuple[float, float, float, float, float]
+    _StateFigures = tuple[tuple[float, _Five, float], _Five, str | None, str | None, int]
 
 Kind = Literal["clutter", "corridor", "u-trap", "dead-end", "moving"]
 NoGo = Literal["obstacle", "soil", "grade", "side_slope", "unknown", "outside"]
@@ -211,8 +214,7 @@ class World:
 
     def no_go(self, vehicle: Vehicle | str | Path, pose: Pose, time_s: float = 0.0) -> NoGo | None:
         """Return why the vehicle must not be at a pose, or None where it may."""
-        reason: NoGo | None = self.core.no_go(_vehicle(vehicle).core, _plane(pose), time_s)  # type: ignore[assignment]
-        return reason
+        return cast("NoGo | None", self.core.no_go(_vehicle(vehicle).core, _plane(pose), time_s))
 
     def passable(
         self, vehicle: Vehicle | str | Path, start: tuple[float, float], goal: tuple[float, float]
@@ -386,9 +388,22 @@ def random_world(seed: int, *, density: float = 2.5, kind: Kind = "clutter") -> 
     return Scenario(World.from_core(core), Pose(*start), Position(*goal))
 
 
-def _state(figures: tuple[tuple[float, tuple[float, ...], float], tuple[float, ...], object, object, int]) -> State:
+def _state(figures: _StateFigures) -> State:
     (time_s, pose, height_m), motion, stop, no_go, collisions = figures
-    return State(time_s, Pose(*pose), height_m, *motion, stop, no_go, collisions)  # type: ignore[arg-type]
+    wheel_speed_mps, wheel_turn_rate_radps, speed_mps, turn_rate_radps, slip = motion
+    return State(
+        time_s,
+        Pose(*pose),
+        height_m,
+        wheel_speed_mps,
+        wheel_turn_rate_radps,
+        speed_mps,
+        turn_rate_radps,
+        slip,
+        cast("Stop | None", stop),
+        cast("NoGo | None", no_go),
+        collisions,
+    )
 
 
 def _plane(pose: Pose) -> tuple[float, float, float]:

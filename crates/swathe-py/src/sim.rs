@@ -277,7 +277,7 @@ fn laser(dict: &Bound<'_, PyDict>) -> PyResult<Laser> {
 
 /// Figures of the SICK LMS 200 as the core knows it, by name.
 #[pyfunction]
-pub(crate) fn sick_lms200<'py>(py: Python<'py>, half_degrees: bool, far: bool) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn sick_lms200(py: Python<'_>, half_degrees: bool, far: bool) -> PyResult<Bound<'_, PyDict>> {
     let laser = Laser::sick_lms200(half_degrees, far);
     let dict = PyDict::new(py);
     dict.set_item("beams", laser.beams)?;
