@@ -1,6 +1,6 @@
 """Driving in the simulated world: 40 crates, a laser of 181 beams and 8 m, a step and a scan 35 times a second.
 
-The peer is time itself: so many simulated seconds. The ratio is simulated over CPU time of body and sensor alone.
+The peer is time itself: as many CPU seconds as were simulated. The ratio is that of body and sensor alone.
 """
 
 from __future__ import annotations
