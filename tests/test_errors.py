@@ -207,6 +207,14 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "Use coarser cells or a part of the map, or allow more memory.",
     ),
     "planner.stopped": (InterruptedBySignalError, "The planner was stopped.", ""),
+    "sim.grid": EMPTY,
+    "sim.soil": SOIL_CODE,
+    "sim.vehicle": FIGURE,
+    "sim.figure": (
+        InvalidParameterError,
+        "The simulated width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
 }
 
 #: The word that `--json` prints and the exit status of the command line, for every class of the tree.

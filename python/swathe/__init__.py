@@ -23,6 +23,8 @@ __all__ = [
     "planner",
     "rank",
     "report",
+    "sensor",
+    "sim",
     "soil",
     "swarm",
     "terrain",

@@ -6,6 +6,7 @@ use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
 use swathe::rank::{RankError, SourceFault};
+use swathe::sim::SimError;
 use swathe::soil::SoilError;
 use swathe::swarm::SwarmError;
 use swathe::terrain::TerrainError;
@@ -34,6 +35,7 @@ pub(crate) enum CoreError {
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
+    Sim(SimError),
 }
 
 macro_rules! from {
@@ -54,7 +56,8 @@ from!(
     Corridor(CorridorError),
     Nest(NestError),
     Swarm(SwarmError),
-    Planner(PlannerError)
+    Planner(PlannerError),
+    Sim(SimError)
 );
 
 /// Which Python class stands for an error, and what the user should do about it.
@@ -77,6 +80,7 @@ impl CoreError {
             | Self::Rank(RankError::Grid(error))
             | Self::Nest(NestError::Grid(error))
             | Self::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error)))
+            | Self::Sim(SimError::Grid(error))
             | Self::Planner(
                 PlannerError::Grid(error)
                 | PlannerError::Rank(RankError::Grid(error))
@@ -87,12 +91,15 @@ impl CoreError {
             Self::Terrain(TerrainError::HeightRange { .. }) => Class::Parameter("Give low,high in metres."),
             Self::Soil(error)
             | Self::Rank(RankError::Soil(error))
+            | Self::Sim(SimError::Soil(error))
             | Self::Planner(PlannerError::Rank(RankError::Soil(error))) => of_soil(error),
             Self::Vehicle(VehicleError::Figure { .. })
+            | Self::Sim(SimError::Vehicle(VehicleError::Figure { .. }))
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
             Self::Corridor(CorridorError::Length { .. })
+            | Self::Sim(SimError::Figure { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
@@ -134,6 +141,7 @@ impl CoreError {
             Self::Nest(error) => error.to_string(),
             Self::Swarm(error) => error.to_string(),
             Self::Planner(error) => error.to_string(),
+            Self::Sim(error) => error.to_string(),
         }
     }
 }
@@ -375,6 +383,13 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             .into(),
         ),
         ("planner.stopped", PlannerError::Stopped.into()),
+        (
+            "sim.grid",
+            SimError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("sim.soil", SimError::Soil(SoilError::UnknownCode { code: 9 }).into()),
+        ("sim.vehicle", SimError::Vehicle(figure()).into()),
+        ("sim.figure", SimError::Figure { name, given, allowed }.into()),
     ]
 }
 

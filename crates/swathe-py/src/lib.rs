@@ -15,6 +15,7 @@ mod progress;
 mod rank;
 mod region;
 mod repair;
+mod sim;
 mod soil;
 mod stop;
 mod swarm;
@@ -39,6 +40,8 @@ mod _core {
     use crate::region::{Region, defaults};
     #[pymodule_export]
     use crate::repair::Replanner;
+    #[pymodule_export]
+    use crate::sim::{SimRobot, SimWorld, random_world, sick_lms200};
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]

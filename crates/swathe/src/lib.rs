@@ -19,6 +19,7 @@ pub mod progress;
 pub mod random;
 pub mod rank;
 pub mod sensor;
+pub mod sim;
 pub mod soil;
 pub mod swarm;
 pub mod terrain;

@@ -12,12 +12,7 @@ use super::Objective;
 /// Greatest speed on a soil and grade, or `None` where the brakes cannot hold the vehicle.
 pub(super) fn speed_mps(vehicle: &Vehicle, soil: &Trafficability, grade: f64) -> Option<f64> {
     let cos = 1.0 / (1.0 + grade * grade).sqrt();
-    let mut speed_mps = soil.speed_mps;
-    let resistance = soil.rolling_resistance + grade;
-    if resistance > 0.0 {
-        let force_n = vehicle.mass_kg * GRAVITY_MPS2 * cos * resistance;
-        speed_mps = speed_mps.min(vehicle.drive_efficiency * vehicle.power_w / force_n);
-    }
+    let speed_mps = soil.powered_speed_mps(vehicle, grade);
     // v² / a + v t = d with twice the deceleration a.
     let doubled_mps2 = 2.0 * GRAVITY_MPS2 * cos * (vehicle.braking_friction + grade);
     if doubled_mps2 <= 0.0 {
