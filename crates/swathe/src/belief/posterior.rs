@@ -233,9 +233,9 @@ impl SoilBelief {
         let unit = &self.units[self.ground.units[cell] as usize];
         match self.params.rule {
             Rule::Bayes => self.posterior(unit, self.geometry().centre(cell)),
-            Rule::PaperRelabel { radius_m } => self
-                .relabelled(unit, self.geometry().centre(cell), radius_m)
-                .map_or(unit.prior, certain),
+            Rule::PaperRelabel { radius_m } => {
+                relabelled(unit, self.geometry().centre(cell), radius_m).map_or(unit.prior, certain)
+            }
         }
     }
 
@@ -248,7 +248,7 @@ impl SoilBelief {
         }
         let at = self.geometry().centre(cell);
         match self.params.rule {
-            Rule::PaperRelabel { radius_m } => self.relabelled(unit, at, radius_m).is_none(),
+            Rule::PaperRelabel { radius_m } => relabelled(unit, at, radius_m).is_none(),
             Rule::Bayes if place == 0 => unit.evidence.iter().all(|known| self.nearness(known.at, at) == 0.0),
             Rule::Bayes => !unit.informed,
         }
@@ -317,25 +317,6 @@ impl SoilBelief {
         found
     }
 
-    /// The class by the paper's rule, if a reading reaches so far.
-    fn relabelled(&self, unit: &UnitBelief, at: Position, radius_m: Option<f64>) -> Option<usize> {
-        let Some(radius_m) = radius_m else {
-            let mut counts = [0_usize; CLASS_COUNT];
-            for known in &unit.evidence {
-                counts[class_index(known.matched.observed)?] += 1;
-            }
-            let worse = |k: usize| u8::MAX - CLASSES[k].goodness(SoilTable::Text);
-            let none_last = |k: usize| CLASSES[k] == SoilClass::None;
-            return (0..CLASS_COUNT)
-                .filter(|&k| counts[k] > 0)
-                .max_by_key(|&k| (counts[k], none_last(k), worse(k)));
-        };
-        let distances = unit.evidence.iter().map(|known| (known.at.distance_m(at), known));
-        let reached = distances.filter(|(distance, _)| *distance <= radius_m);
-        let nearest = reached.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        class_index(nearest.1.matched.observed)
-    }
-
     /// Works out anew the units that a reading in one of them touches.
     fn refresh(&mut self, unit: usize, reading: ReadingId) -> Changed {
         let symbol = self.units[unit].symbol;
@@ -396,6 +377,25 @@ impl SoilBelief {
             .iter()
             .map(|reading| (reading.id, reading.at, &reading.matched))
     }
+}
+
+/// The class by the paper's rule, if a reading reaches so far.
+fn relabelled(unit: &UnitBelief, at: Position, radius_m: Option<f64>) -> Option<usize> {
+    let Some(radius_m) = radius_m else {
+        let mut counts = [0_usize; CLASS_COUNT];
+        for known in &unit.evidence {
+            counts[class_index(known.matched.observed)?] += 1;
+        }
+        let worse = |k: usize| u8::MAX - CLASSES[k].goodness(SoilTable::Text);
+        let none_last = |k: usize| CLASSES[k] == SoilClass::None;
+        return (0..CLASS_COUNT)
+            .filter(|&k| counts[k] > 0)
+            .max_by_key(|&k| (counts[k], none_last(k), worse(k)));
+    };
+    let distances = unit.evidence.iter().map(|known| (known.at.distance_m(at), known));
+    let reached = distances.filter(|(distance, _)| *distance <= radius_m);
+    let nearest = reached.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    class_index(nearest.1.matched.observed)
 }
 
 /// An order of readings that does not know when they came.

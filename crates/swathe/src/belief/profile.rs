@@ -127,14 +127,13 @@ pub fn match_profile(reading: &PenetrometerReading, params: &BeliefParams) -> Re
     }
     // A cone that sinks under its own weight is the weakest that can be told from nothing.
     let cone_index_kpa = features.cone_index_kpa.or(sampled.then_some(1.0));
-    let found = match (features.cone_index_kpa, features.sleeve_friction_kpa) {
-        (Some(cone_kpa), Some(sleeve_kpa)) => matched(by_behaviour(cone_kpa, sleeve_kpa, &params.confusion)),
-        _ => {
-            let by_table = matched(by_features(&features, &params.types));
-            match params.matching {
-                Matching::Table => by_table,
-                Matching::Confusion => match_class(by_table.observed, params)?,
-            }
+    let found = if let (Some(cone_kpa), Some(sleeve_kpa)) = (features.cone_index_kpa, features.sleeve_friction_kpa) {
+        matched(by_behaviour(cone_kpa, sleeve_kpa, &params.confusion))
+    } else {
+        let by_table = matched(by_features(&features, &params.types));
+        match params.matching {
+            Matching::Table => by_table,
+            Matching::Confusion => match_class(by_table.observed, params)?,
         }
     };
     Ok(Match {
