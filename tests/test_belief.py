@@ -149,7 +149,7 @@ def test_a_reading_changes_the_codes_that_it_says() -> None:
     st.lists(st.tuples(st.floats(0.0, 59.9), st.floats(0.1, 20.0), st.sampled_from(CLASSES)), min_size=0, max_size=6)
 )
 def test_codes_carry_the_gate_into_ranks(words: list[tuple[float, float, SoilClass]]) -> None:
-    belief = believed(["ssswww", "ccc..i"], moisture=25.0)
+    belief = believed(["ssswww", "ccc..i"], moisture=35.0)
     for x_m, y_m, soil_class in words:
         belief.add(ClassReading(x_m, y_m, soil_class))
     region = Region(
@@ -157,7 +157,7 @@ def test_codes_carry_the_gate_into_ranks(words: list[tuple[float, float, SoilCla
     )
     from dataclasses import replace
 
-    region = replace(region, params=replace(region.params, moisture_percent=25.0))
+    region = replace(region, params=replace(region.params, moisture_percent=35.0))
     ranks = rank_map(region)
     gated = np.isin(ranks.reason, [REASONS.index("soil_strength"), REASONS.index("no_ground")])
     np.testing.assert_array_equal(gated, belief.no_go())
