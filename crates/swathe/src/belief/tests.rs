@@ -159,6 +159,10 @@ fn a_reading_stops_at_its_polygon_but_for_those_of_the_same_symbol() {
     for (cell, (old, new)) in before.iter().zip(&after).enumerate() {
         assert_eq!(old != new, changed.cells.contains(&(cell as u32)), "cell {cell}");
     }
+    // The clay's reading says nothing of the sand.
+    let mut alone = three_units();
+    alone.add(&seen(15.0, 5.0, SoilClass::Rock)).unwrap();
+    assert_eq!(all_chances(&alone)[..3], after[..3]);
     // The other polygon of the symbol learns, and less than the one that was probed.
     let rock = |cell: usize| after[cell][4] - before[cell][4];
     assert!(rock(9) > 0.0 && rock(9) < rock(0), "{} {}", rock(9), rock(0));
@@ -441,10 +445,10 @@ proptest! {
             let chances = belief.class_probabilities(cell);
             prop_assert!(chances.iter().all(|chance| (0.0..=1.0).contains(chance)), "{chances:?}");
             prop_assert!((chances.iter().sum::<f64>() - 1.0).abs() < 1e-9);
-            let decision = belief.decide(cell, &going(150.0, 25.0));
+            let decision = belief.decide(cell, &going(150.0, 35.0));
             prop_assert!((0.0..=1.0).contains(&decision.no_go_probability));
             // What is ranked by the code agrees with the decision.
-            let by_table = decision.code.rating_cone_index_kpa(25.0).is_none_or(|kpa| kpa >= 150.0);
+            let by_table = decision.code.rating_cone_index_kpa(35.0).is_none_or(|kpa| kpa >= 150.0);
             prop_assert_eq!(by_table && decision.code != SoilClass::None, decision.go);
         }
     }
