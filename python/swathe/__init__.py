@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 __all__ = [
+    "belief",
     "corridor",
     "errors",
     "export",

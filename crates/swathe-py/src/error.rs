@@ -1,11 +1,13 @@
 //! The one map from the core's errors to Python's.
 
 use pyo3::prelude::*;
+use swathe::belief::BeliefError;
 use swathe::corridor::CorridorError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
 use swathe::rank::{RankError, SourceFault};
+use swathe::sensor::ReadingError;
 use swathe::sim::SimError;
 use swathe::soil::SoilError;
 use swathe::swarm::SwarmError;
@@ -29,6 +31,7 @@ pub(crate) enum CoreError {
     Grid(GridError),
     Terrain(TerrainError),
     Soil(SoilError),
+    Belief(BeliefError),
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
@@ -51,6 +54,7 @@ from!(
     Grid(GridError),
     Terrain(TerrainError),
     Soil(SoilError),
+    Belief(BeliefError),
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
@@ -87,6 +91,7 @@ impl CoreError {
                 | PlannerError::Nest(NestError::Grid(error))
                 | PlannerError::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error))),
             ) => of_grid(error),
+            Self::Belief(error) => of_belief(error),
             Self::Terrain(TerrainError::AllVoid) => Class::AllVoid,
             Self::Terrain(TerrainError::HeightRange { .. }) => Class::Parameter("Give low,high in metres."),
             Self::Soil(error)
@@ -135,6 +140,7 @@ impl CoreError {
             Self::Grid(error) => error.to_string(),
             Self::Terrain(error) => error.to_string(),
             Self::Soil(error) => error.to_string(),
+            Self::Belief(error) => error.to_string(),
             Self::Vehicle(error) => error.to_string(),
             Self::Rank(error) => error.to_string(),
             Self::Corridor(error) => error.to_string(),
@@ -161,6 +167,21 @@ fn of_soil(error: &SoilError) -> Class {
     match error {
         SoilError::UnknownCode { .. } => Class::Parameter("Use the codes of swathe.soil.SoilClass."),
         SoilError::Moisture { .. } => Class::Parameter("Give dry, normal, wet or a number of per cent."),
+    }
+}
+
+fn of_belief(error: &BeliefError) -> Class {
+    match error {
+        BeliefError::Grid(error) => of_grid(error),
+        BeliefError::Soil(error) => of_soil(error),
+        BeliefError::Reading(_) => Class::Parameter("Leave the reading out, or correct it."),
+        BeliefError::Parameter { .. } => Class::Parameter("Leave it out for the usual value."),
+        BeliefError::Type { .. } => Class::Parameter("Correct the figure in the table of soil types."),
+        BeliefError::Mixture { .. } => Class::Parameter("Give one share from 0 to 1 for each class."),
+        BeliefError::Unit { .. } => Class::Parameter("Give every polygon a number of its own, above 0."),
+        BeliefError::OutsideMap { .. } => Class::Outside,
+        BeliefError::NoClass => Class::Parameter("Give gravel, sand, clay, silt, rock or none."),
+        BeliefError::NoReading { .. } => Class::Parameter("Give a number that adding a reading returned."),
     }
 }
 
@@ -281,6 +302,44 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("soil.unknown_code", SoilError::UnknownCode { code: 9 }.into()),
         ("soil.moisture", SoilError::Moisture { percent: -3.0 }.into()),
+        (
+            "belief.grid",
+            BeliefError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        (
+            "belief.soil",
+            BeliefError::Soil(SoilError::Moisture { percent: -3.0 }).into(),
+        ),
+        ("belief.reading", BeliefError::Reading(ReadingError::Empty).into()),
+        (
+            "belief.parameter",
+            BeliefError::Parameter { name, given, allowed }.into(),
+        ),
+        (
+            "belief.type",
+            BeliefError::Type {
+                class: "clay",
+                name,
+                given,
+                allowed,
+            }
+            .into(),
+        ),
+        ("belief.mixture", BeliefError::Mixture { unit: 3 }.into()),
+        (
+            "belief.unit",
+            BeliefError::Unit {
+                unit: 3,
+                problem: "is given twice",
+            }
+            .into(),
+        ),
+        (
+            "belief.outside_map",
+            BeliefError::OutsideMap { x_m: 1.0, y_m: 2.0 }.into(),
+        ),
+        ("belief.no_class", BeliefError::NoClass.into()),
+        ("belief.no_reading", BeliefError::NoReading { id: 4 }.into()),
         ("vehicle.figure", figure().into()),
         (
             "rank.grid",

@@ -5,6 +5,7 @@
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
+mod belief;
 mod convert;
 mod drivable;
 mod error;
@@ -24,6 +25,10 @@ mod vehicle;
 
 #[pyo3::pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::belief::{
+        SoilBelief, belief_classes, belief_defaults, check_reading, match_profile, next_probe, soil_types,
+    };
     #[pymodule_export]
     use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
     #[pymodule_export]
