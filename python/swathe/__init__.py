@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 __all__ = [
+    "belief",
     "corridor",
     "errors",
     "export",
@@ -23,6 +24,8 @@ __all__ = [
     "planner",
     "rank",
     "report",
+    "sensor",
+    "sim",
     "soil",
     "swarm",
     "terrain",

@@ -10,6 +10,7 @@
 //! counter-clockwise from east in radians; grades are rise over run; unknown elevation is NaN. Public functions check
 //! shapes and ranges once and return an error; kernels below them assume what was checked.
 
+pub mod belief;
 pub mod corridor;
 pub mod grid;
 pub mod local;
@@ -19,6 +20,7 @@ pub mod progress;
 pub mod random;
 pub mod rank;
 pub mod sensor;
+pub mod sim;
 pub mod soil;
 pub mod swarm;
 pub mod terrain;
