@@ -37,6 +37,8 @@ def draw(runs: Path, picture: Path) -> None:
             va="center",
             color=INK,
             fontsize=9,
+            # Marks lie under the number, not through it.
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
         )
     axes.set_yticks(
         list(places), [f"{name}  against  {_short(record['peer'])}" for name, _, record in rows], fontsize=8
@@ -44,6 +46,7 @@ def draw(runs: Path, picture: Path) -> None:
     axes.set_xscale("log")
     axes.set_xlim(right=3 * max(ratio for _, ratio, _ in rows))
     axes.set_xlabel("CPU seconds of the peer over ours (log scale); red: must, grey: goal")
+    axes.set_ylim(-0.6, len(rows) - 0.4)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(axis="x", color="#dddddd")
     axes.set_axisbelow(True)
