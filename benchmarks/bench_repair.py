@@ -4,8 +4,7 @@ The robot has driven a quarter of its way from corner to corner. The patch touch
 so that about a side of the patch of the way lies in it; on other sides of the robot a repair is quicker still. Taking
 in the change counts as part of the repair. Both sides give the cost of the way; they sum it in different orders.
 
-`repair-far` is the worst case: the patch lies at the goal, every cost changes, and the repair is given up for a fresh
-plan; it may take a fifth more than that.
+`repair-far` has the patch at the goal, so that every cost to go changes.
 """
 
 from __future__ import annotations
