@@ -11,6 +11,7 @@
 //! shapes and ranges once and return an error; kernels below them assume what was checked.
 
 pub mod corridor;
+pub mod drive;
 pub mod grid;
 pub mod local;
 pub mod nest;
