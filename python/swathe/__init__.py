@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "corridor",
+    "drive",
     "errors",
     "export",
     "grid",
@@ -23,6 +24,7 @@ __all__ = [
     "planner",
     "rank",
     "report",
+    "sensor",
     "soil",
     "swarm",
     "terrain",

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 use swathe::corridor::CorridorError;
+use swathe::drive::DriveError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
@@ -30,6 +31,7 @@ pub(crate) enum CoreError {
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
+    Drive(DriveError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
@@ -51,6 +53,7 @@ from!(
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
+    Drive(DriveError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError)
@@ -87,10 +90,13 @@ impl CoreError {
             | Self::Rank(RankError::Soil(error))
             | Self::Planner(PlannerError::Rank(RankError::Soil(error))) => of_soil(error),
             Self::Vehicle(VehicleError::Figure { .. })
+            | Self::Drive(DriveError::Vehicle(_))
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
-            Self::Corridor(CorridorError::Length { .. })
+            Self::Drive(DriveError::Ranks { .. }) => Class::Shape,
+            Self::Drive(DriveError::Figure { .. })
+            | Self::Corridor(CorridorError::Length { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
@@ -98,6 +104,7 @@ impl CoreError {
                 | PlannerError::Drivable { .. },
             ) => Class::Parameter("Leave it out for the usual value."),
             Self::Nest(error)
+            | Self::Drive(DriveError::Nest(error))
             | Self::Swarm(SwarmError::Nest(error))
             | Self::Planner(PlannerError::Nest(error) | PlannerError::Swarm(SwarmError::Nest(error))) => of_nest(error),
             Self::Planner(PlannerError::NegativeCost { .. } | PlannerError::NegativeFactor { .. }) => {
@@ -122,6 +129,7 @@ impl CoreError {
             Self::Vehicle(error) => error.to_string(),
             Self::Rank(error) => error.to_string(),
             Self::Corridor(error) => error.to_string(),
+            Self::Drive(error) => error.to_string(),
             Self::Nest(error) => error.to_string(),
             Self::Swarm(error) => error.to_string(),
             Self::Planner(error) => error.to_string(),

@@ -7,6 +7,7 @@
 
 mod convert;
 mod drivable;
+mod drive;
 mod error;
 mod grids;
 mod nest;
@@ -25,6 +26,8 @@ mod vehicle;
 mod _core {
     #[pymodule_export]
     use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
+    #[pymodule_export]
+    use crate::drive::Navigator;
     #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]

@@ -153,7 +153,7 @@ impl Scan {
         }
         let Mount { x_m, y_m, heading_rad } = self.mount;
         for given in [x_m, y_m, heading_rad] {
-            if !(given.abs() <= MOUNT_MAX) {
+            if !(-MOUNT_MAX..=MOUNT_MAX).contains(&given) {
                 return figure("mount", given, "its figures must be finite and at most 100");
             }
         }

@@ -177,7 +177,7 @@ impl Navigator {
         if self.attempts % 4 == 3 && self.window.as_ref().is_some_and(|window| !window.goal_inside) {
             self.grow();
         }
-        if reason == Reason::Oscillating || self.attempts % 4 == 0 {
+        if reason == Reason::Oscillating || self.attempts.is_multiple_of(4) {
             self.stamp_ahead(now);
         }
         let turns = self.shape.turns_in_place();

@@ -213,9 +213,8 @@ impl RegionState {
 impl Ground for RegionState {
     fn factor(&self, position: Position) -> f64 {
         match self.rank(position) {
-            None => f64::INFINITY,
             Some(1) if self.leaving_no_go => NO_GO_COST,
-            Some(1) => f64::INFINITY,
+            None | Some(1) => f64::INFINITY,
             Some(_) => 1.0,
         }
     }

@@ -19,7 +19,7 @@ const MU_GROUND: f64 = 2.0;
 enum Kind {
     Vfh(Vfh),
     Plus(VfhPlus),
-    Star(VfhStar),
+    Star(Box<VfhStar>),
     Player(PlayerVfh),
 }
 
@@ -59,11 +59,11 @@ impl Local {
                 ..VfhParams::default()
             })),
             Method::VfhPlus => Kind::Plus(VfhPlus::new(plus)),
-            Method::VfhStar => Kind::Star(VfhStar::new(VfhStarParams {
+            Method::VfhStar => Kind::Star(Box::new(VfhStar::new(VfhStarParams {
                 plus,
                 step_m: (2.0 * shape.radius_m).max(0.8),
                 ..VfhStarParams::default()
-            })),
+            }))),
             Method::Player => Kind::Player(PlayerVfh::new(PlayerParams {
                 max_speed_mps: shape.max_speed_mps,
                 max_speed_narrow_opening_mps: shape.max_speed_mps,
