@@ -543,7 +543,13 @@ impl Navigator {
             },
         );
         let target_rad = (target.y_m - at.y_m).atan2(target.x_m - at.x_m);
-        let mut directions = Vec::with_capacity(2);
+        let mut directions = Vec::with_capacity(3);
+        // The histogram does not know that obstacles behind the goal do not matter.
+        let is_last = at.distance_m(now.aim) <= lookahead_m;
+        if is_last && self.window.as_ref().is_some_and(|window| window.sees(at, now.aim)) {
+            let aim_rad = wrap(now.pose.heading_rad + now.off_rad());
+            directions.push((aim_rad, 1.0 - 0.8 * steering.crowding));
+        }
         match steering.direction_rad {
             Some(direction_rad) => directions.push((direction_rad, 1.0 - 0.8 * steering.crowding)),
             None => self.events.push(Event::LocalClosed),
@@ -700,6 +706,12 @@ pub(super) struct Now<'a> {
 impl Now<'_> {
     pub fn at(&self) -> Position {
         Position::new(self.pose.x_m, self.pose.y_m)
+    }
+
+    /// Angle from the nose to what is driven to.
+    pub fn off_rad(&self) -> f64 {
+        let at = self.at();
+        wrap((self.aim.y_m - at.y_m).atan2(self.aim.x_m - at.x_m) - self.pose.heading_rad)
     }
 }
 

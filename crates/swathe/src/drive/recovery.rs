@@ -159,9 +159,8 @@ impl Navigator {
     /// Whether a vehicle with a turning circle would drive around its goal for ever: the goal lies well inside that circle.
     fn circles(&self, now: &Now) -> bool {
         let radius_m = self.shape.turn_radius_m;
-        let (sin, cos) = now.pose.heading_rad.sin_cos();
-        let (dx, dy) = (now.aim.x_m - now.pose.x_m, now.aim.y_m - now.pose.y_m);
-        let (ahead_m, left_m) = (cos * dx + sin * dy, cos * dy - sin * dx);
+        let (away_m, off_rad) = (now.at().distance_m(now.aim), now.off_rad());
+        let (ahead_m, left_m) = (away_m * off_rad.cos(), away_m * off_rad.sin());
         ahead_m.hypot(left_m.abs() - radius_m) < radius_m - self.params.arrival_m
     }
 
@@ -170,6 +169,15 @@ impl Navigator {
         let at = now.at();
         let back_m = (2.0 * self.shape.radius_m).max(0.8) * (1.0 + 0.25 * f64::from(self.attempts.min(8)));
         let backs = Recovery::BackOff { left_m: back_m };
+        if self.circles(now) {
+            // Straight back until the goal lies on the circle, and a little more to turn in.
+            let (radius_m, off_rad) = (self.shape.turn_radius_m, now.off_rad());
+            let away_m = at.distance_m(now.aim);
+            let (ahead_m, left_m) = (away_m * off_rad.cos(), away_m * off_rad.sin());
+            let inside_m = left_m.abs() - radius_m;
+            let left_m = (radius_m * radius_m - inside_m * inside_m).max(0.0).sqrt() - ahead_m + 0.5 * radius_m;
+            return self.begin(Recovery::BackOff { left_m }, at);
+        }
         if matches!(reason, Reason::Bumped | Reason::Slipping) {
             self.stamp_ahead(now);
             return self.begin(backs, at);
