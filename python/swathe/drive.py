@@ -113,7 +113,7 @@ class Navigator:
         self.seed = seed
         self._core = _core.Navigator(chosen.core, (float(goal[0]), float(goal[1])), figures, _map_of(region))
 
-    def step(
+    def step(  # noqa: PLR0917 - what a robot senses, in the order that its drivers call it
         self,
         time_s: float,
         pose: Pose,

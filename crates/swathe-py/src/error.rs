@@ -94,7 +94,6 @@ impl CoreError {
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
-            Self::Drive(DriveError::Ranks { .. }) => Class::Shape,
             Self::Drive(DriveError::Figure { .. })
             | Self::Corridor(CorridorError::Length { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
@@ -285,6 +284,9 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             .into(),
         ),
         ("rank.inconsistent", RankError::Inconsistent { ratio: 0.5 }.into()),
+        ("drive.vehicle", DriveError::Vehicle(figure()).into()),
+        ("drive.nest", DriveError::Nest(NestError::RankMin { rank: 11 }).into()),
+        ("drive.figure", DriveError::Figure { name, given, allowed }.into()),
         ("corridor.length", CorridorError::Length { name, given, allowed }.into()),
         (
             "nest.grid",

@@ -115,14 +115,6 @@ pub enum DriveError {
         /// What is allowed.
         allowed: &'static str,
     },
-    /// New ranks that do not cover the region.
-    #[error("{given} ranks were given for a region of {expected} cells.")]
-    Ranks {
-        /// Number given.
-        given: usize,
-        /// Cells of the region.
-        expected: usize,
-    },
 }
 
 impl DriveParams {

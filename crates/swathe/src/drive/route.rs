@@ -475,7 +475,7 @@ mod tests {
         let around = window.length_m();
         memory.set((3, 8), Seen::Free);
         window.set((3, 8), Seen::Free);
-        assert_eq!(window.repair(at).is_some(), true);
+        assert!(window.repair(at).is_some());
         assert!(window.length_m() < 5.0 && around > 14.0);
         window.set((3, 8), Seen::Occupied);
         window.repair(at);
