@@ -17,6 +17,7 @@ from swathe.errors import (
     ShapeMismatchError,
     SwatheError,
     TooLargeError,
+    UnreadableFileError,
 )
 
 EMPTY = (
@@ -77,6 +78,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "the soil layer has 3 cells where the grid has 4.",
         "Read all layers on one geometry, for instance with the same window.",
     ),
+    "grid.tile_side": (
+        InvalidParameterError,
+        "Tiles of 3 cells a side that begin 0 rows and 0 columns before the grid cannot be made.",
+        "Give a power of two up to 32768, and a place inside a tile.",
+    ),
     "grid.outside_grid": (
         OutsideGridError,
         "Cell (9, 0) lies outside a grid of 3 rows and 3 columns.",
@@ -98,6 +104,52 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         InvalidParameterError,
         "A moisture of -3 % is not usable: it must be from 1 to 200 % of the dry weight.",
         "Give dry, normal, wet or a number of per cent.",
+    ),
+    "belief.grid": EMPTY,
+    "belief.soil": (
+        InvalidParameterError,
+        "A moisture of -3 % is not usable: it must be from 1 to 200 % of the dry weight.",
+        "Give dry, normal, wet or a number of per cent.",
+    ),
+    "belief.reading": (
+        InvalidParameterError,
+        "The reading holds neither a cone index nor a refusal depth.",
+        "Leave the reading out, or correct it.",
+    ),
+    "belief.parameter": (
+        InvalidParameterError,
+        "The width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
+    "belief.type": (
+        InvalidParameterError,
+        "The width of clay is -1: it must be above 0.",
+        "Correct the figure in the table of soil types.",
+    ),
+    "belief.mixture": (
+        InvalidParameterError,
+        "The shares of soil classes in map unit 3 are no mixture: they must be at least 0 and sum to 1.",
+        "Give one share from 0 to 1 for each class.",
+    ),
+    "belief.unit": (
+        InvalidParameterError,
+        "Map unit 3 is given twice.",
+        "Give every polygon a number of its own, above 0.",
+    ),
+    "belief.outside_map": (
+        OutsideGridError,
+        "The reading at (1, 2) m lies outside the map.",
+        "Rows and columns count from 0 at the north-west.",
+    ),
+    "belief.no_class": (
+        InvalidParameterError,
+        "A reading must name a soil class; unknown soil is none.",
+        "Give gravel, sand, clay, silt, rock or none.",
+    ),
+    "belief.no_reading": (
+        InvalidParameterError,
+        "There is no reading 4.",
+        "Give a number that adding a reading returned.",
     ),
     "vehicle.figure": FIGURE,
     "rank.grid": EMPTY,
@@ -160,11 +212,17 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
     "swarm.nest": RANK_MIN_0,
     "swarm.grid": EMPTY,
     "swarm.parameter": SWARM,
+    "swarm.source": (
+        UnreadableFileError,
+        "The tile at row 256, column 0 cannot be read.",
+        "Check the file and the network, and try again.",
+    ),
     "planner.grid": EMPTY,
     "planner.rank": NO_GREY,
     "planner.corridor": WIDTH,
     "planner.nest": RANK_MIN_0,
     "planner.swarm": SWARM,
+    "planner.source": (InterruptedBySignalError, "Reading was stopped.", ""),
     "planner.negative_cost": (
         InvalidParameterError,
         "The cost -1 at cell (0, 1) is negative: costs must be at least 0, NaN or infinite where closed.",
@@ -206,6 +264,14 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "Use coarser cells or a part of the map, or allow more memory.",
     ),
     "planner.stopped": (InterruptedBySignalError, "The planner was stopped.", ""),
+    "sim.grid": EMPTY,
+    "sim.soil": SOIL_CODE,
+    "sim.vehicle": FIGURE,
+    "sim.figure": (
+        InvalidParameterError,
+        "The simulated width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
 }
 
 #: The word that `--json` prints and the exit status of the command line, for every class of the tree.
@@ -225,6 +291,7 @@ CLASSES = {
     "AllVoidError": ("all_void", 4),
     "TooLargeError": ("too_large", 4),
     "TooSmallError": ("too_small", 4),
+    "ReadingFileError": ("reading_file", 4),
     "SoilFieldError": ("soil_field", 4),
     "InvalidVehicleError": ("invalid_vehicle", 4),
     "OutputError": ("output", 4),

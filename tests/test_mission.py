@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -75,13 +76,14 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> list[Window]:
 def test_only_a_window_of_a_large_map_is_read_and_the_route_is_the_same(
     large: Path, reads: list[Window], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    part = mission.plan_route(native(large), *NEAR, TRACTOR, tmp_path / "part")
+    spine = replace(TRACTOR, arc="spine")
+    part = mission.plan_route(native(large), *NEAR, spine, tmp_path / "part")
     assert len(reads) == 1
     assert reads[0].rows * reads[0].columns < 6000 * 6000 / 50
     assert "Only the part of the map around start and goal was read." in part["notes"]
 
     monkeypatch.setattr(windows, "WHOLE_MAP_CELLS", 6000 * 6000)
-    whole = mission.plan_route(native(large), *NEAR, TRACTOR, tmp_path / "whole")
+    whole = mission.plan_route(native(large), *NEAR, spine, tmp_path / "whole")
     assert reads[1] == Window(0, 0, 6000, 6000)
     assert part["status"] == whole["status"] == "route_found"
     assert legs(tmp_path / "part") == legs(tmp_path / "whole")

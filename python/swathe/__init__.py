@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 __all__ = [
+    "belief",
     "corridor",
     "drive",
     "errors",
@@ -25,6 +26,7 @@ __all__ = [
     "rank",
     "report",
     "sensor",
+    "sim",
     "soil",
     "swarm",
     "terrain",

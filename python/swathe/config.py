@@ -91,6 +91,13 @@ class Settings:
             seed=self.seed,
         )
 
+    @property
+    def looks_where_it_goes(self) -> bool:
+        """Whether the plan is that of the swarm whose arc is re-laid, which needs to see but a part of the map."""
+        plain = self.method == "swarm" and not (self.follows_paper or self.certify) and self.width_m is None
+        # Risk is counted from no-go cells, which the swarm need not have seen.
+        return plain and self.corridor_params().arc == "relaid" and self.objective.risk == 0
+
     def headings_rad(self) -> tuple[float | None, float | None]:
         """Return the headings at start and goal, counter-clockwise from east.
 

@@ -115,6 +115,12 @@ class SoilFieldError(InputError):
     kind = "soil_field"
 
 
+class ReadingFileError(InputError):
+    """A file of penetrometer readings has a column or a line that cannot be used."""
+
+    kind = "reading_file"
+
+
 class InvalidVehicleError(InputError):
     """A vehicle file is missing a figure or has one outside its range."""
 

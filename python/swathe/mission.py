@@ -8,15 +8,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from swathe import comparison, planner, rank
 from swathe import nest as nesting
 from swathe.config import require_swarm
-from swathe.errors import InterruptedBySignalError
+from swathe.errors import InterruptedBySignalError, UnreadableFileError
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
 from swathe.export.geojson import drivable_collection, nest_collection, route_collection
+from swathe.io.lazy import TRIES, tiles_under
 from swathe.io.raster import write_raster
-from swathe.io.window import bounded, first_window, larger_window
-from swathe.preparation import Stopwatch, open_source, place_of, prepare
+from swathe.io.window import bounded, first_window, larger_window, nearest_cell
+from swathe.preparation import Stopwatch, as_read, lazy_elevation, open_source, place_of, prepare
 from swathe.report.animation import MOST_FRAMES, frame_step
 from swathe.report.palette import rank_colour_table
 from swathe.summary import plan_summary, shared_summary, stop_notes, stop_summary, swarm_summary
@@ -26,7 +29,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from swathe.config import Settings, TerrainRequest
+    from swathe.grid import Position, Window
+    from swathe.io.lazy import LazyElevation
     from swathe.planner import Plan
     from swathe.preparation import Ground
 
@@ -50,6 +57,8 @@ def plan_route(
     Raises:
         SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped. A negative answer is
             no error: the summary's ``status`` tells.
+        UnreadableFileError: a part of a map that is read when it is needed cannot be read, and no route is known. The
+            folder with the nests found so far and the summary, of status ``error``, is there all the same.
     """
     watch = Stopwatch()
     require_swarm(settings, animate=animate)
@@ -62,16 +71,26 @@ def plan_route(
         with source:
             ends = [place_of(source, point, terrain.points_crs) for point in (start, goal)]
             whole = bounded(source, terrain.bounds, terrain.points_crs)
-            window = first_window(source, whole, ends)
+            # An animation shows all of its map.
+            lazy = None if animate else lazy_elevation(source, terrain, whole, settings, on_progress)
+            window = first_window(source, whole, ends, lazy=lazy is not None)
             while True:
                 is_whole = window == whole
                 ground = prepare(
-                    source, terrain, window, vehicle, settings, is_whole=is_whole, watch=watch, on_progress=on_progress
+                    source,
+                    terrain,
+                    window,
+                    vehicle,
+                    settings,
+                    is_whole=is_whole,
+                    watch=watch,
+                    on_progress=on_progress,
+                    lazy=lazy,
                 )
                 before = watch.seconds.get("plan", 0.0)
                 with watch.step("plan"):
                     answer = planner.plan(
-                        ground.region,
+                        ground.planned,
                         ends[0],
                         ends[1],
                         method=settings.method,
@@ -87,7 +106,7 @@ def plan_route(
                         objective=settings.objective,
                         cost=ground.cost,
                         frames=MOST_FRAMES if animate else 0,
-                        frame_step=frame_step(ground.region.geometry),
+                        frame_step=frame_step(ground.planned.geometry),
                         on_progress=on_progress,
                     )
                 if not _needs_more_map(answer, ground, settings):
@@ -97,16 +116,19 @@ def plan_route(
                     stop = stop.after(
                         replace(answer.swarm, cells_evaluated=answer.cells_evaluated), watch.seconds["plan"] - before
                     )
-            answer = _with_nests(answer, ground)
-            summary = plan_summary(ground, answer, settings, (start, goal), ends)
-            if animate and answer.frames:
-                with watch.step("animate"):
-                    from swathe.report import animation
-
-                    names = ", ".join(source.names)
-                    params = settings.swarm_params()
-                    animation.animate_plan(folder, ground.region, params, answer, (ends[0], ends[1]), source=names)
-            _write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
+            shown, answer = _as_shown(ground, window, lazy, answer, ends[0])
+            tiles = (tiles_under(window) if lazy is None else lazy.tiles_read, tiles_under(whole))
+            is_lazy = lazy is not None
+            summary = plan_summary(ground, answer, settings, (start, goal), ends, tiles=tiles, is_lazy=is_lazy)
+            unread = _unread(lazy, answer, summary, out)
+            if unread is not None:
+                _write_unread(folder, out, shown, answer, summary, watch=watch)
+            else:
+                if animate and answer.frames:
+                    _animate(folder, ground, answer, settings, (ends[0], ends[1]), watch=watch)
+                _write(folder, out, shown, answer, summary, watch=watch, on_progress=on_progress)
+    if unread is not None:
+        raise unread
     return summary
 
 
@@ -205,12 +227,24 @@ def find_nests(
     return summary
 
 
+def _as_shown(
+    ground: Ground, window: Window, lazy: LazyElevation | None, answer: Plan, start: Position
+) -> tuple[Ground, Plan]:
+    """Return ground and answer as outputs show them."""
+    shown = ground
+    if lazy is not None:
+        if lazy.tiles_read == 0:  # a point lies outside: the map is shown where it comes nearest
+            lazy.read_at(nearest_cell(ground.source, start))
+        shown, answer = as_read(ground, window, lazy, answer)
+    return shown, _with_nests(answer, shown)
+
+
 def _with_nests(answer: Plan, ground: Ground) -> Plan:
     """Return the answer with the nests of all that was read, when it was refused before any were looked for."""
     if answer.nests is not None:
         return answer
-    ranks = rank.rank_map(ground.region)
-    return replace(answer, nests=nesting.exact_nests(ranks.rank, rank_min=ground.region.params.rank_min))
+    ranks = _ranks(ground)
+    return replace(answer, nests=nesting.exact_nests(ranks, rank_min=ground.region.params.rank_min))
 
 
 def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
@@ -219,6 +253,69 @@ def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
     if answer.stopped is not None and answer.stopped.by.startswith("max_"):
         return False
     return answer.status == "no_route" or (answer.route is not None and settings.certify and not answer.optimal)
+
+
+def _ranks(ground: Ground) -> NDArray[np.uint8]:
+    """Return the rank of every cell, 0 where too little was read to tell."""
+    ranks = rank.rank_map(ground.region).rank
+    return ranks if ground.trusted is None else np.where(ground.trusted, ranks, np.uint8(0))
+
+
+def _animate(
+    folder: Path, ground: Ground, answer: Plan, settings: Settings, ends: tuple[Position, Position], *, watch: Stopwatch
+) -> None:
+    """Write the animation of a plan."""
+    from swathe.report import animation
+
+    with watch.step("animate"):
+        names = ", ".join(ground.source.names)
+        animation.animate_plan(folder, ground.region, settings.swarm_params(), answer, ends, source=names)
+
+
+def _unread(lazy: LazyElevation | None, answer: Plan, summary: dict[str, Any], out: Path) -> UnreadableFileError | None:
+    """Return the error of a plan that could not read what it needed, its words put into the summary, or None."""
+    if lazy is None or answer.status != "unread":
+        return None
+    why = "" if lazy.failure is None else lazy.failure.message
+    remedy = "" if lazy.failure is None else lazy.failure.remedy
+    place = ""
+    if lazy.failed_window is not None:
+        row, column, rows, columns = lazy.failed_window
+        place = f" The tile of rows {row} to {row + rows - 1}, columns {column} to {column + columns - 1} was tried"
+        place += f" {TRIES} times."
+    error = UnreadableFileError(
+        f"{why}{place} Until then {summary['cells_evaluated']:,} cells were evaluated and {summary['tiles_read']:,} of "
+        f"{summary['tiles_total']:,} tiles read.",
+        f"{remedy} The nests found so far are in {out}.",
+    )
+    summary |= {"status": "error", "kind": error.kind, "reason": error.message, "remedy": error.remedy}
+    return error
+
+
+def _write_unread(
+    folder: Path, out: Path, ground: Ground, answer: Plan, summary: dict[str, Any], *, watch: Stopwatch
+) -> None:
+    """Write what is known when the ground could not be read: the nests, and the summary."""
+    region = ground.region
+    origin = {key: summary[key] for key in ("version", "seed", "inputs")}
+    if answer.nests is not None:
+        with watch.step("write_maps"):
+            outlines = nesting.outlines(answer.nests, region.geometry)
+            gaps = nesting.nest_graph(answer.nests, region.geometry)
+            area_m2 = region.geometry.cell_size_m**2
+            collection = nest_collection(answer.nests, outlines, gaps, area_m2, frame=ground.frame, origin=origin)
+            write_text(folder / "nests.geojson", to_json(collection))
+    _write_summary(folder, out, summary, watch, ())
+
+
+def _write_summary(folder: Path, out: Path, summary: dict[str, Any], watch: Stopwatch, later: tuple[str, ...]) -> None:
+    """Write the summary, which names every file of the folder and those that come ``later``."""
+    names = sorted({entry.name for entry in folder.iterdir()} | {SUMMARY, *later})
+    summary["outputs"] = {_output_key(name): name for name in names}
+    summary["timings_s"] = {name: round(seconds, 4) for name, seconds in watch.seconds.items()}
+    write_text(folder / SUMMARY, to_json(summary))
+    # Callers get paths that they can open; the file holds names, so that the folder can be moved.
+    summary["outputs"] = {name: str(out / path) for name, path in summary["outputs"].items()}
 
 
 def _write(
@@ -256,10 +353,10 @@ def _write(
             area_m2 = region.geometry.cell_size_m**2
             collection = nest_collection(nests, outlines, gaps, area_m2, frame=frame, origin=origin)
             write_text(folder / "nests.geojson", to_json(collection))
-        ranks = rank.rank_map(region)
+        ranks = _ranks(ground)
         write_raster(
             folder / "rank.tif",
-            ranks.rank,
+            ranks,
             frame,
             nodata=0,
             colours=rank_colour_table(),
@@ -269,18 +366,13 @@ def _write(
         _tell(on_progress, "writing", 2, 5)
         from swathe.report import run_pictures
 
-        run_pictures.draw(folder, region, frame, ranks.rank, outlines, plan=answer, summary=summary, metadata=tags)
+        run_pictures.draw(folder, region, frame, ranks, outlines, plan=answer, summary=summary, metadata=tags)
     _tell(on_progress, "writing", 4, 5)
-    names = sorted({entry.name for entry in folder.iterdir()} | {SUMMARY, "report.html"})
-    summary["outputs"] = {_output_key(name): name for name in names}
-    summary["timings_s"] = {name: round(seconds, 4) for name, seconds in watch.seconds.items()}
-    write_text(folder / SUMMARY, to_json(summary))
+    _write_summary(folder, out, summary, watch, ("report.html",))
     from swathe.report.html import write_html
 
     write_html(folder)
     _tell(on_progress, "writing", 5, 5)
-    # Callers get paths that they can open; the file holds names, so that the folder can be moved.
-    summary["outputs"] = {name: str(out / path) for name, path in summary["outputs"].items()}
 
 
 def _output_key(name: str) -> str:

@@ -14,6 +14,7 @@ from swathe.errors import InvalidParameterError
 from swathe.grid import Cell, Position
 from swathe.nest import NestParams, Nests
 from swathe.objective import Objective, as_objective, closed_where, cost_factor
+from swathe.rank import Region
 from swathe.repair import RepairTally, Replanner
 from swathe.swarm import Frame, StopParams, Stopped, SwarmParams, Tally, frame_of, tally
 from swathe.ways import (
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from swathe.objective import CostFunction, Word
-    from swathe.rank import Region
+    from swathe.rank import TiledRegion
 
 __all__ = [
     "AnyAnglePath",
@@ -124,7 +125,8 @@ class Plan:
     """The planner's answer.
 
     Attributes:
-        status: ``route_found`` or the kind of refusal.
+        status: ``route_found`` or the kind of refusal; ``unread`` says that heights which were needed could not be
+            read, and nothing of whether a way exists.
         route: the route, None in a refusal.
         reason: why there is none, in one sentence.
         place: where.
@@ -140,6 +142,7 @@ class Plan:
         corridor: arc and swathe (swarm only).
         swarm: what the swarm did (swarm only).
         cells_evaluated: cells whose rank was asked for.
+        is_complete: False when heights that were wanted could not be read: a better route may lie there.
         stopped: what ended the search for ground and what it left unseen (swarm only).
         frames: pictures of the swarm at work and its arc, as many as were asked for at most.
     """
@@ -160,12 +163,13 @@ class Plan:
     corridor: Corridor | None
     swarm: Tally | None
     cells_evaluated: int
+    is_complete: bool = True
     stopped: Stopped | None = None
     frames: tuple[Frame, ...] = ()
 
 
 def plan(
-    region: Region,
+    region: Region | TiledRegion,
     start: Position,
     goal: Position,
     *,
@@ -189,7 +193,8 @@ def plan(
     """Plan a route over a region.
 
     Args:
-        region: the ground, the vehicle and the rules.
+        region: the ground, the vehicle and the rules. Of a ``TiledRegion`` the swarm with a re-laid arc reads what it
+            comes to look at; everything else reads all of it first.
         start: where the vehicle is, in the map frame.
         goal: where it should go.
         method: ``swarm`` in a swathe around an arc, or ``exact`` over the whole map.
@@ -246,8 +251,14 @@ def plan(
         "objective": as_objective(objective).core_argument(),
         "reversed": reverse,
     }
-    factor = None if cost is None else cost_factor(region, cost)
-    region = closed_where(region, factor)
+    factor = None
+    if cost is not None:
+        if not isinstance(region, Region):
+            raise InvalidParameterError(
+                "Costs of your own close cells before any is looked at.", "Give a region that was read at once."
+            )
+        factor = cost_factor(region, cost)
+        region = closed_where(region, factor)
     return _plan(_core.plan(region.core, request, factor, map_continues, on_progress))
 
 
@@ -326,6 +337,7 @@ def _plan(found: dict[str, Any]) -> Plan:
         corridor=corridor,
         swarm=tally(found["swarm"]) if "swarm" in found else None,
         cells_evaluated=found["cells_evaluated"],
+        is_complete=found["is_complete"],
         stopped=Stopped(*found["stopped"]) if "stopped" in found else None,
         frames=tuple(frame_of(frame) for frame in found["frames"]),
     )

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swathe.errors import TooSmallError
-from swathe.grid import GridGeometry
+from swathe.errors import AllVoidError, TooSmallError
+from swathe.grid import Cell, GridGeometry
 from swathe.io.cost_raster import read_cost
-from swathe.io.elevation import open_elevation, require_known
+from swathe.io.elevation import TILE_SIZE, open_elevation, require_known
+from swathe.io.lazy import LazyElevation
 from swathe.io.memory import require_memory
 from swathe.io.soil import read_soil
 from swathe.io.sources import single
-from swathe.io.window import bounded
+from swathe.io.window import bounded, reads_lazily
+from swathe.nest import Nests
 from swathe.objective import closed_where, cost_factor
-from swathe.rank import Region
+from swathe.rank import Region, TiledRegion
 from swathe.terrain import block_max, group_mean, height_map, slope
 from swathe.vehicle import load_vehicle
 
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from swathe.io.crs import Frame
     from swathe.io.elevation import ElevationSource
     from swathe.io.sources import Source
+    from swathe.planner import Plan
     from swathe.soil import SoilReport
     from swathe.vehicle import Vehicle
 
@@ -59,9 +62,13 @@ class Stopwatch:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A region with everything about it that outputs tell."""
+    """A region with everything about it that outputs tell.
 
-    region: Region
+    Of one that is read when it is needed, ``as_read`` gives what was read as ground that can be shown; ``trusted`` are
+    then the cells whose ranks are those of the whole map.
+    """
+
+    planned: Region | TiledRegion
     frame: Frame
     source: ElevationSource
     soil: SoilReport | None
@@ -70,6 +77,14 @@ class Ground:
     cost_source: Source | None
     notes: tuple[str, ...]
     is_whole: bool
+    trusted: NDArray[np.bool_] | None = None
+
+    @property
+    def region(self) -> Region:
+        """The region, all of which was read."""
+        if isinstance(self.planned, Region):
+            return self.planned
+        raise TypeError("The region is read when it is needed; use as_read.")  # our own bug
 
 
 def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: OnProgress | None = None) -> Ground:
@@ -95,6 +110,20 @@ def open_source(terrain: TerrainRequest) -> ElevationSource:
     )
 
 
+def lazy_elevation(
+    source: ElevationSource,
+    terrain: TerrainRequest,
+    whole: Window,
+    settings: Settings,
+    on_progress: OnProgress | None,
+) -> LazyElevation | None:
+    """Return the elevation as what a plan reads when it needs it, or None where it is read at once."""
+    # Costs of the user's close cells of the map before anything is looked at.
+    if settings.looks_where_it_goes and terrain.cost_raster is None and reads_lazily(source, whole):
+        return LazyElevation(source, whole, on_progress)
+    return None
+
+
 def place_of(source: ElevationSource, point: tuple[float, float], points_crs: str | None) -> Position:
     """Return a point, in ``points_crs``, in the frame of the elevation."""
     return source.frame.from_points(point[0], point[1], points_crs, source.source_crs_wkt)
@@ -110,8 +139,11 @@ def prepare(
     is_whole: bool,
     watch: Stopwatch,
     on_progress: OnProgress | None,
+    lazy: LazyElevation | None = None,
 ) -> Ground:
-    """Read a window of the ground and make a region of it."""
+    """Read a window of the ground and make a region of it; ``lazy`` elevation is read when it is needed."""
+    if lazy is not None:
+        return _prepare_lazily(source, terrain, window, vehicle, settings, is_whole=is_whole, watch=watch, lazy=lazy)
     frame = source.frame.window(window)
     require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
     with watch.step("read"):
@@ -127,11 +159,7 @@ def prepare(
         )
         notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
         notes += more
-    soil_report = codes = None
-    if terrain.soil is not None:
-        with watch.step("soil"):
-            layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
-        soil_report, codes = layer.report, layer.codes
+    soil_report, codes, soil_source = _soil(terrain, frame, watch)
     region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
     cost = cost_source = None
     if terrain.cost_raster is not None:
@@ -141,7 +169,6 @@ def prepare(
         region = closed_where(region, cost)
         notes.append(_cost_note(cost))
     notes += _notes(region, source, soil_report)
-    soil_source = None if terrain.soil is None else single(terrain.soil)
     return Ground(region, frame, source, soil_report, soil_source, cost, cost_source, tuple(notes), is_whole)
 
 
@@ -150,6 +177,61 @@ def _cost_note(cost: NDArray[np.float32]) -> str:
     closed = 100 * float(np.mean(~np.isfinite(cost)))
     span = f"{known.min():g} to {known.max():g}"
     return f"Costs were multiplied by {span}, by cell; {closed:.1f} % of the cells were closed."
+
+
+def _prepare_lazily(
+    source: ElevationSource,
+    terrain: TerrainRequest,
+    window: Window,
+    vehicle: Vehicle,
+    settings: Settings,
+    *,
+    is_whole: bool,
+    watch: Stopwatch,
+    lazy: LazyElevation,
+) -> Ground:
+    """Make a region of a window of the ground whose elevation is read when it is needed; its soil is read at once."""
+    frame = source.frame.window(window)
+    require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
+    soil_report, codes, soil_source = _soil(terrain, frame, watch)
+    first = (window.row % TILE_SIZE, window.column % TILE_SIZE)
+    region = TiledRegion(frame.geometry, lazy.reader(window), vehicle, codes, settings.rank, TILE_SIZE, first)
+    notes = tuple(_notes(region, source, soil_report))
+    return Ground(region, frame, source, soil_report, soil_source, None, None, notes, is_whole)
+
+
+def as_read(ground: Ground, window: Window, lazy: LazyElevation, answer: Plan) -> tuple[Ground, Plan]:
+    """Return what was read of a window as ground that can be shown, with the answer on it.
+
+    Raises:
+        InputError: nothing could be read.
+    """
+    extent = lazy.extent(window)
+    if extent is None:
+        raise lazy.failure or AllVoidError("Nothing of the elevation was read.", "Choose places inside it.")
+    row, column = extent.row - window.row, extent.column - window.column
+    part = (slice(row, row + extent.rows), slice(column, column + extent.columns))
+    frame = ground.source.frame.window(extent)
+    region = ground.planned
+    soil = None if region.soil is None else region.soil[part]
+    shown = Region(frame.geometry, lazy.heights(extent), region.vehicle, soil, params=region.params)
+    nests = answer.nests
+    if nests is not None:
+        nests = Nests(np.ascontiguousarray(nests.labels[part]), nests.sizes)
+    path = [Cell(cell.row - row, cell.column - column) for cell in answer.path]
+    trusted = lazy.surroundings_read(extent)
+    return replace(ground, planned=shown, frame=frame, trusted=trusted), replace(answer, nests=nests, path=path)
+
+
+def _soil(
+    terrain: TerrainRequest, frame: Frame, watch: Stopwatch
+) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None]:
+    """Read the soil map that was asked for, if any."""
+    if terrain.soil is None:
+        return None, None, None
+    with watch.step("soil"):
+        layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
+    return layer.report, layer.codes, single(terrain.soil)
 
 
 def _averaged(
@@ -175,7 +257,7 @@ def _averaged(
     return replace(frame, geometry=coarse), heights, grey, notes
 
 
-def _notes(region: Region, source: ElevationSource, soil: SoilReport | None) -> list[str]:
+def _notes(region: Region | TiledRegion, source: ElevationSource, soil: SoilReport | None) -> list[str]:
     """Return what a reader of any output must know about it."""
     cell_m = region.geometry.cell_size_m
     notes = [f"Obstacles smaller than a terrain cell ({cell_m:g} m) are not seen."]

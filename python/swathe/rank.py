@@ -19,7 +19,7 @@ from swathe.terrain import as_heights, group_mean, height_map
 from swathe.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
@@ -136,6 +136,44 @@ class Region:
             None if self.soil is None else as_codes(self.soil, "soil"),
             None if self.grey is None else np.ascontiguousarray(self.grey, dtype=np.float32),
             None if self.zones is None else np.ascontiguousarray(self.zones, dtype=np.bool_),
+            self.vehicle.core,
+            asdict(self.params),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TiledRegion:
+    """A region whose heights are read when they are first needed, for the planner.
+
+    Attributes:
+        geometry: where the cells lie.
+        read: gives the float32 heights of (row, column, rows, columns), cells within one tile, or None when they
+            cannot be read; called between two ticks, each tile once.
+        vehicle: the vehicle.
+        soil: (rows, columns) uint8 codes of ``swathe.soil.SoilClass``, or None.
+        params: how cells are ranked; profile ``metric``.
+        tile_size: side of a tile in cells, a power of two.
+        first: row and column inside its tile of the cell in the north-west.
+    """
+
+    geometry: GridGeometry
+    read: Callable[[int, int, int, int], NDArray[np.float32] | None]
+    vehicle: Vehicle
+    soil: NDArray[np.uint8] | None = None
+    params: RankParams = RankParams()
+    tile_size: int = 256
+    first: tuple[int, int] = (0, 0)
+
+    @cached_property
+    def core(self) -> _core.Region:
+        """The region as the core sees it. What was read stays in it."""
+        geometry = self.geometry
+        return _core.Region.tiled(
+            (geometry.rows, geometry.columns, geometry.cell_size_m, geometry.west_m, geometry.north_m),
+            self.tile_size,
+            self.first,
+            self.read,
+            None if self.soil is None else as_codes(self.soil, "soil"),
             self.vehicle.core,
             asdict(self.params),
         )

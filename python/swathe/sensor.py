@@ -1,4 +1,7 @@
-"""What a robot senses: poses, scans and penetrometer readings."""
+"""What a robot senses: poses, scans and penetrometer readings. Data only.
+
+Metres, headings counter-clockwise from east in radians; beams counter-clockwise from the robot's nose.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a robot is: metres, radians counter-clockwise from east; nose up and right side down are positive."""
+    """Where a robot is and how it is turned; nose up and right side down are positive."""
 
     x_m: float
     y_m: float
@@ -22,20 +26,15 @@ class Pose:
     roll_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """Ranges in a fan of directions, angles counter-clockwise from the sensor's axis.
+    """Ranges in a fan of directions.
 
-    Attributes:
-        ranges_m: one for each beam; infinite or the greatest range is clear, NaN or below the least is invalid.
-        angle_min_rad: direction of the first beam.
-        angle_increment_rad: from one beam to the next.
-        range_min_m: least range that is measured.
-        range_max_m: greatest range that is measured.
-        mount: the sensor on the body: metres ahead, metres to the left, heading from the robot's nose.
+    Infinity or at least ``range_max_m`` is clear, NaN or below ``range_min_m`` invalid. ``mount`` is (ahead, left,
+    heading) of the sensor on the body.
     """
 
-    ranges_m: ArrayLike
+    ranges_m: NDArray[np.float64] | Sequence[float]
     angle_min_rad: float
     angle_increment_rad: float
     range_min_m: float
@@ -45,10 +44,10 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class PenetrometerReading:
-    """One push of a cone penetrometer: depths in metres, rising, and the cone index in kPa at each."""
+    """One push of a cone penetrometer: cone indices in kPa at rising depths, and where it could not be pushed on."""
 
     x_m: float
     y_m: float
-    depths_m: Sequence[float]
-    cone_indices_kpa: Sequence[float]
+    depths_m: tuple[float, ...]
+    cone_indices_kpa: tuple[float, ...]
     refusal_depth_m: float | None = None

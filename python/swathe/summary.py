@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str, Any]:
     """Return the part of the summary that every command shares."""
-    geometry = ground.region.geometry
+    geometry = ground.planned.geometry
     soil = None if ground.soil is None else ground.soil.as_dict()
-    vehicle = ground.region.vehicle
+    vehicle = ground.planned.vehicle
     return {
         "command": command,
         "version": swathe.__version__,
@@ -136,7 +136,7 @@ def stop_notes(stopped: swarm.Stopped | None, settings: Settings) -> list[str]:
 
 def _turning_notes(ground: Ground, answer: Plan, settings: Settings) -> list[str]:
     """Say what is known of the turns of a route; nothing for vehicles that turn in place."""
-    radius_m, cell_size_m = ground.region.vehicle.min_turn_radius_m, ground.region.geometry.cell_size_m
+    radius_m, cell_size_m = ground.planned.vehicle.min_turn_radius_m, ground.planned.geometry.cell_size_m
     if radius_m == 0 or answer.route is None:
         return []
     path = answer.drivable
@@ -173,8 +173,15 @@ def plan_summary(
     settings: Settings,
     asked: tuple[tuple[float, float], tuple[float, float]],
     ends: list[Position],
+    *,
+    tiles: tuple[int, int],
+    is_lazy: bool,
 ) -> dict[str, Any]:
-    """Return the summary of a plan; ``asked`` are the ends as given, ``ends`` the same in the frame."""
+    """Return the summary of a plan.
+
+    ``asked`` are the ends as given, ``ends`` the same in the frame, ``tiles`` how many tiles of the map were read and
+    how many there are, ``is_lazy`` whether they were read when they were needed.
+    """
     route = answer.route
     corridor = answer.corridor
     notes = list(ground.notes)
@@ -185,8 +192,14 @@ def plan_summary(
         times = "once" if corridor.widened == 1 else f"{corridor.widened} times"
         notes.append(f"The swathe was widened {times}, to {corridor.width_m:.0f} m.")
     notes += _turning_notes(ground, answer, settings)
-    if not ground.is_whole:
+    if is_lazy:
+        notes.append(
+            f"The map was read where the swarm looked: {tiles[0]:,} of {tiles[1]:,} tiles. Maps show nothing elsewhere."
+        )
+    elif not ground.is_whole:
         notes.append("Only the part of the map around start and goal was read.")
+    if route is not None and not answer.is_complete:
+        notes.append("Not all of the map that was wanted could be read: the route is valid, a better one may exist.")
     notes += stop_notes(answer.stopped, settings)
     return {
         **shared_summary("plan", ground, settings),
@@ -213,6 +226,10 @@ def plan_summary(
         "grid_cost": answer.path_cost,
         "optimal": answer.optimal,
         "cells_evaluated": answer.cells_evaluated,
+        "tiles_read": tiles[0],
+        "tiles_total": tiles[1],
+        # Decoded, from files; what the bundled terrain takes is not counted.
+        "bytes_read": ground.source.bytes_read or None,
         **stop_summary(answer.stopped, settings, has_ends=True),
         "nest_count": None if answer.nests is None else answer.nests.count,
         "start": place.end_of_route(asked[0], ends[0], answer.start, ground.frame),

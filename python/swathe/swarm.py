@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from swathe.rank import Region
+    from swathe.rank import Region, TiledRegion
 
 #: Ticks that a swarm which can finish never needs.
 UNTIL_FINISHED = 2**63
@@ -225,7 +225,7 @@ class Swarm:
 
 
 def run_swarm(
-    region: Region,
+    region: Region | TiledRegion,
     params: SwarmParams | None = None,
     *,
     inside: NDArray[np.bool_] | None = None,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map"]
+Status = Literal["route_found", "no_route", "start_blocked", "goal_blocked", "outside_map", "unread"]
 
 
 @dataclass(frozen=True, slots=True)

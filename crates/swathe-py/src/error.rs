@@ -1,12 +1,15 @@
 //! The one map from the core's errors to Python's.
 
 use pyo3::prelude::*;
+use swathe::belief::BeliefError;
 use swathe::corridor::CorridorError;
 use swathe::drive::DriveError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
-use swathe::rank::RankError;
+use swathe::rank::{RankError, SourceFault};
+use swathe::sensor::ReadingError;
+use swathe::sim::SimError;
 use swathe::soil::SoilError;
 use swathe::swarm::SwarmError;
 use swathe::terrain::TerrainError;
@@ -19,6 +22,7 @@ mod python {
     pyo3::import_exception!(swathe.errors, InvalidVehicleError);
     pyo3::import_exception!(swathe.errors, OutsideGridError);
     pyo3::import_exception!(swathe.errors, ShapeMismatchError);
+    pyo3::import_exception!(swathe.errors, UnreadableFileError);
     pyo3::import_exception!(swathe.errors, TooLargeError);
 }
 
@@ -28,6 +32,7 @@ pub(crate) enum CoreError {
     Grid(GridError),
     Terrain(TerrainError),
     Soil(SoilError),
+    Belief(BeliefError),
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
@@ -35,6 +40,7 @@ pub(crate) enum CoreError {
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
+    Sim(SimError),
 }
 
 macro_rules! from {
@@ -50,13 +56,15 @@ from!(
     Grid(GridError),
     Terrain(TerrainError),
     Soil(SoilError),
+    Belief(BeliefError),
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
     Drive(DriveError),
     Nest(NestError),
     Swarm(SwarmError),
-    Planner(PlannerError)
+    Planner(PlannerError),
+    Sim(SimError)
 );
 
 /// Which Python class stands for an error, and what the user should do about it.
@@ -66,6 +74,7 @@ enum Class {
     Outside,
     Vehicle,
     AllVoid,
+    Unread,
     TooLarge,
     Stopped,
 }
@@ -78,24 +87,29 @@ impl CoreError {
             | Self::Rank(RankError::Grid(error))
             | Self::Nest(NestError::Grid(error))
             | Self::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error)))
+            | Self::Sim(SimError::Grid(error))
             | Self::Planner(
                 PlannerError::Grid(error)
                 | PlannerError::Rank(RankError::Grid(error))
                 | PlannerError::Nest(NestError::Grid(error))
                 | PlannerError::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error))),
             ) => of_grid(error),
+            Self::Belief(error) => of_belief(error),
             Self::Terrain(TerrainError::AllVoid) => Class::AllVoid,
             Self::Terrain(TerrainError::HeightRange { .. }) => Class::Parameter("Give low,high in metres."),
             Self::Soil(error)
             | Self::Rank(RankError::Soil(error))
+            | Self::Sim(SimError::Soil(error))
             | Self::Planner(PlannerError::Rank(RankError::Soil(error))) => of_soil(error),
             Self::Vehicle(VehicleError::Figure { .. })
             | Self::Drive(DriveError::Vehicle(_))
+            | Self::Sim(SimError::Vehicle(VehicleError::Figure { .. }))
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
             Self::Drive(DriveError::Figure { .. })
             | Self::Corridor(CorridorError::Length { .. })
+            | Self::Sim(SimError::Figure { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
                 PlannerError::Corridor(CorridorError::Length { .. })
@@ -117,6 +131,13 @@ impl CoreError {
             Self::Planner(PlannerError::NotAPlace { .. }) => Class::Parameter("Give two finite numbers."),
             Self::Planner(PlannerError::Memory { .. }) => Class::TooLarge,
             Self::Planner(PlannerError::Stopped) => Class::Stopped,
+            Self::Swarm(SwarmError::Source(fault))
+            | Self::Planner(PlannerError::Source(fault) | PlannerError::Swarm(SwarmError::Source(fault))) => {
+                match fault {
+                    SourceFault::Unreadable { .. } => Class::Unread,
+                    SourceFault::Stopped => Class::Stopped,
+                }
+            }
         }
     }
 
@@ -125,6 +146,7 @@ impl CoreError {
             Self::Grid(error) => error.to_string(),
             Self::Terrain(error) => error.to_string(),
             Self::Soil(error) => error.to_string(),
+            Self::Belief(error) => error.to_string(),
             Self::Vehicle(error) => error.to_string(),
             Self::Rank(error) => error.to_string(),
             Self::Corridor(error) => error.to_string(),
@@ -132,6 +154,7 @@ impl CoreError {
             Self::Nest(error) => error.to_string(),
             Self::Swarm(error) => error.to_string(),
             Self::Planner(error) => error.to_string(),
+            Self::Sim(error) => error.to_string(),
         }
     }
 }
@@ -141,6 +164,7 @@ fn of_grid(error: &GridError) -> Class {
         GridError::Empty { .. } => Class::Parameter("Give at least one row and one column."),
         GridError::TooManyCells { .. } => Class::Parameter("Choose a window or coarser cells."),
         GridError::NotALength { .. } => Class::Parameter("Give it in metres."),
+        GridError::TileSide { .. } => Class::Parameter("Give a power of two up to 32768, and a place inside a tile."),
         GridError::ShapeMismatch { .. } => Class::Shape,
         GridError::OutsideGrid { .. } => Class::Outside,
     }
@@ -150,6 +174,21 @@ fn of_soil(error: &SoilError) -> Class {
     match error {
         SoilError::UnknownCode { .. } => Class::Parameter("Use the codes of swathe.soil.SoilClass."),
         SoilError::Moisture { .. } => Class::Parameter("Give dry, normal, wet or a number of per cent."),
+    }
+}
+
+fn of_belief(error: &BeliefError) -> Class {
+    match error {
+        BeliefError::Grid(error) => of_grid(error),
+        BeliefError::Soil(error) => of_soil(error),
+        BeliefError::Reading(_) => Class::Parameter("Leave the reading out, or correct it."),
+        BeliefError::Parameter { .. } => Class::Parameter("Leave it out for the usual value."),
+        BeliefError::Type { .. } => Class::Parameter("Correct the figure in the table of soil types."),
+        BeliefError::Mixture { .. } => Class::Parameter("Give one share from 0 to 1 for each class."),
+        BeliefError::Unit { .. } => Class::Parameter("Give every polygon a number of its own, above 0."),
+        BeliefError::OutsideMap { .. } => Class::Outside,
+        BeliefError::NoClass => Class::Parameter("Give gravel, sand, clay, silt, rock or none."),
+        BeliefError::NoReading { .. } => Class::Parameter("Give a number that adding a reading returned."),
     }
 }
 
@@ -194,6 +233,9 @@ impl From<CoreError> for PyErr {
                 python::InvalidVehicleError::new_err((message, "Correct the figure in the vehicle's file."))
             }
             Class::AllVoid => python::AllVoidError::new_err((message, "Give elevation data that covers the area.")),
+            Class::Unread => {
+                python::UnreadableFileError::new_err((message, "Check the file and the network, and try again."))
+            }
             Class::TooLarge => python::TooLargeError::new_err((
                 message,
                 "Use coarser cells or a part of the map, or allow more memory.",
@@ -245,6 +287,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             }
             .into(),
         ),
+        ("grid.tile_side", GridError::TileSide { side: 3, first: (0, 0) }.into()),
         (
             "grid.outside_grid",
             GridError::OutsideGrid {
@@ -266,6 +309,44 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("soil.unknown_code", SoilError::UnknownCode { code: 9 }.into()),
         ("soil.moisture", SoilError::Moisture { percent: -3.0 }.into()),
+        (
+            "belief.grid",
+            BeliefError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        (
+            "belief.soil",
+            BeliefError::Soil(SoilError::Moisture { percent: -3.0 }).into(),
+        ),
+        ("belief.reading", BeliefError::Reading(ReadingError::Empty).into()),
+        (
+            "belief.parameter",
+            BeliefError::Parameter { name, given, allowed }.into(),
+        ),
+        (
+            "belief.type",
+            BeliefError::Type {
+                class: "clay",
+                name,
+                given,
+                allowed,
+            }
+            .into(),
+        ),
+        ("belief.mixture", BeliefError::Mixture { unit: 3 }.into()),
+        (
+            "belief.unit",
+            BeliefError::Unit {
+                unit: 3,
+                problem: "is given twice",
+            }
+            .into(),
+        ),
+        (
+            "belief.outside_map",
+            BeliefError::OutsideMap { x_m: 1.0, y_m: 2.0 }.into(),
+        ),
+        ("belief.no_class", BeliefError::NoClass.into()),
+        ("belief.no_reading", BeliefError::NoReading { id: 4 }.into()),
         ("vehicle.figure", figure().into()),
         (
             "rank.grid",
@@ -303,6 +384,10 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("swarm.parameter", SwarmError::Parameter { name, given, allowed }.into()),
         (
+            "swarm.source",
+            SwarmError::Source(SourceFault::Unreadable { row: 256, column: 0 }).into(),
+        ),
+        (
             "planner.grid",
             PlannerError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
         ),
@@ -319,6 +404,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             "planner.swarm",
             PlannerError::Swarm(SwarmError::Parameter { name, given, allowed }).into(),
         ),
+        ("planner.source", PlannerError::Source(SourceFault::Stopped).into()),
         (
             "planner.negative_cost",
             PlannerError::NegativeCost {
@@ -366,6 +452,13 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             .into(),
         ),
         ("planner.stopped", PlannerError::Stopped.into()),
+        (
+            "sim.grid",
+            SimError::Grid(GridError::Empty { rows: 0, columns: 0 }).into(),
+        ),
+        ("sim.soil", SimError::Soil(SoilError::UnknownCode { code: 9 }).into()),
+        ("sim.vehicle", SimError::Vehicle(figure()).into()),
+        ("sim.figure", SimError::Figure { name, given, allowed }.into()),
     ]
 }
 

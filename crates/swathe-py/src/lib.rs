@@ -5,6 +5,7 @@
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
+mod belief;
 mod convert;
 mod drivable;
 mod drive;
@@ -16,6 +17,7 @@ mod progress;
 mod rank;
 mod region;
 mod repair;
+mod sim;
 mod soil;
 mod stop;
 mod swarm;
@@ -24,6 +26,10 @@ mod vehicle;
 
 #[pyo3::pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::belief::{
+        SoilBelief, belief_classes, belief_defaults, check_reading, match_profile, next_probe, soil_types,
+    };
     #[pymodule_export]
     use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
     #[pymodule_export]
@@ -42,6 +48,8 @@ mod _core {
     use crate::region::{Region, defaults};
     #[pymodule_export]
     use crate::repair::Replanner;
+    #[pymodule_export]
+    use crate::sim::{SimRobot, SimWorld, random_world, sick_lms200};
     #[pymodule_export]
     use crate::soil::{rating_cone_index_kpa, soil_goodness};
     #[pymodule_export]

@@ -399,6 +399,7 @@ fn answer(py: Python<'_>, plan: Plan) -> PyResult<Bound<'_, PyDict>> {
     found.set_item("start", plan.start.map(|(p, away_m)| (place(p), away_m)))?;
     found.set_item("goal", plan.goal.map(|(p, away_m)| (place(p), away_m)))?;
     found.set_item("cells_evaluated", plan.cells_evaluated)?;
+    found.set_item("is_complete", plan.fault().is_none())?;
     if let Some(nests) = plan.nests {
         let (labels, sizes) = give(py, nests)?;
         found.set_item("labels", labels)?;

@@ -1,11 +1,13 @@
 //! A region: the layers that are ranked and planned on, kept together.
 
+use std::sync::{Mutex, PoisonError};
+
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::grid::{GridError, GridGeometry, LayerView};
+use swathe::grid::{GridError, GridGeometry, LayerView, TileCells, TileGrid, Tiles};
 use swathe::planner::Terrain;
-use swathe::rank::{RankParams, Ranker};
+use swathe::rank::{RankParams, Ranker, SourceFault, TiledHeights};
 
 use crate::convert::{Shape, geometry, rank_params, values};
 use crate::error::CoreError;
@@ -15,12 +17,18 @@ use crate::vehicle::Vehicle;
 #[pyclass(frozen, module = "swathe._core")]
 pub(crate) struct Region {
     geometry: GridGeometry,
-    elevation_m: Py<PyArray2<f32>>,
+    heights: Heights,
     soil: Option<Py<PyArray2<u8>>>,
     grey: Option<Py<PyArray2<f32>>>,
     zones: Option<Py<PyArray2<bool>>>,
     vehicle: Py<Vehicle>,
     params: RankParams,
+}
+
+/// Heights that are all there, or in tiles that `read(row, column, rows, columns)` brings when they are needed.
+enum Heights {
+    Whole(Py<PyArray2<f32>>),
+    Tiled { tiles: Tiles<f32>, read: Py<PyAny> },
 }
 
 #[pymethods]
@@ -53,13 +61,68 @@ impl Region {
         }
         Ok(Self {
             geometry,
-            elevation_m: elevation_m.unbind(),
+            heights: Heights::Whole(elevation_m.unbind()),
             soil: soil.map(Bound::unbind),
             grey: grey.map(Bound::unbind),
             zones: zones.map(Bound::unbind),
             vehicle,
             params: rank_params(params)?,
         })
+    }
+
+    /// A region whose heights `read(row, column, rows, columns)` brings when they are first needed, in tiles of `tile_side`
+    /// cells; the north-western cell is the one at `first` of its tile. None instead of heights says that they cannot be read.
+    #[staticmethod]
+    #[pyo3(signature = (shape, tile_side, first, read, soil, vehicle, params))]
+    fn tiled(
+        shape: Shape,
+        tile_side: usize,
+        first: (usize, usize),
+        read: Py<PyAny>,
+        soil: Option<Bound<'_, PyArray2<u8>>>,
+        vehicle: Py<Vehicle>,
+        params: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
+        let geometry = geometry(shape)?;
+        let (expected, found) = (geometry.cell_count(), soil.as_ref().map(PyUntypedArrayMethods::len));
+        if let Some(found) = found.filter(|&found| found != expected) {
+            let what = "the soil layer";
+            return Err(CoreError::from(GridError::ShapeMismatch { what, expected, found }).into());
+        }
+        let grid = TileGrid::new(geometry, tile_side, first).map_err(CoreError::from)?;
+        let tiles = Tiles::new(grid, f32::NAN);
+        Ok(Self {
+            geometry,
+            heights: Heights::Tiled { tiles, read },
+            soil: soil.map(Bound::unbind),
+            grey: None,
+            zones: None,
+            vehicle,
+            params: rank_params(params)?,
+        })
+    }
+}
+
+/// The heights of a tile from Python, on the thread that called the core. What Python raises stops the work.
+fn read_tile(read: &Py<PyAny>, cells: TileCells, raised: &Mutex<Option<PyErr>>) -> Result<Vec<f32>, SourceFault> {
+    let TileCells {
+        row,
+        column,
+        rows,
+        columns,
+    } = cells;
+    let heights = Python::attach(|py| {
+        let found = read.bind(py).call1((row, column, rows, columns))?;
+        let heights: Option<PyReadonlyArray2<f32>> = found.extract()?;
+        heights.map(|heights| Ok(values(&heights)?.to_vec())).transpose()
+    });
+    match heights {
+        Ok(Some(heights)) => Ok(heights),
+        Ok(None) => Err(SourceFault::Unreadable { row, column }),
+        Err(error) => {
+            *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            Err(SourceFault::Stopped)
+        }
     }
 }
 
@@ -87,17 +150,29 @@ impl Region {
         work: impl FnOnce(Terrain, &Ranker, &swathe::vehicle::Vehicle, &RankParams) -> Result<T, CoreError> + Send,
     ) -> PyResult<T> {
         let read = |array: &Py<PyArray2<f32>>| array.bind(py).readonly();
-        let elevation_m: PyReadonlyArray2<f32> = read(&self.elevation_m);
+        let elevation_m = match &self.heights {
+            Heights::Whole(heights) => Some(read(heights)),
+            Heights::Tiled { .. } => None,
+        };
         let grey = self.grey.as_ref().map(read);
         let soil = self.soil.as_ref().map(|soil| soil.bind(py).readonly());
         let zones = self.zones.as_ref().map(|zones| zones.bind(py).readonly());
-        let elevation_m = values(&elevation_m)?;
+        let elevation_m = elevation_m.as_ref().map(values).transpose()?;
+        let raised = Mutex::new(None);
+        let tiled = match &self.heights {
+            Heights::Whole(_) => None,
+            Heights::Tiled { tiles, read } => Some(TiledHeights::new(tiles, |cells| read_tile(read, cells, &raised))),
+        };
+        let tiled = tiled.as_ref();
         let grey = grey.as_ref().map(values).transpose()?;
         let soil = soil.as_ref().map(values).transpose()?;
         let zones = zones.as_ref().map(values).transpose()?;
         let (geometry, params, vehicle) = (self.geometry, self.params, &self.vehicle.get().inner);
         let all = move || {
-            let elevation_m = LayerView::new(geometry, elevation_m, "the elevation")?;
+            let elevation_m = match tiled {
+                Some(tiled) => tiled.elevation_m(),
+                None => LayerView::new(geometry, elevation_m.unwrap_or_default(), "the elevation")?,
+            };
             let soil = soil
                 .map(|soil| LayerView::new(geometry, soil, "the soil layer"))
                 .transpose()?;
@@ -107,7 +182,10 @@ impl Region {
             let zones = zones
                 .map(|zones| LayerView::new(geometry, zones, "the zones"))
                 .transpose()?;
-            let ranker = Ranker::new(elevation_m, soil, grey, zones, vehicle, params)?;
+            let mut ranker = Ranker::new(elevation_m, soil, grey, zones, vehicle, params)?;
+            if let Some(tiled) = tiled {
+                ranker = ranker.reading(tiled);
+            }
             let terrain = Terrain {
                 elevation_m,
                 soil,
@@ -121,7 +199,11 @@ impl Region {
             Some(pool) => pool.install(all),
             None => all(),
         });
-        Ok(result?)
+        let raised = raised.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match raised {
+            Some(error) => Err(error),
+            None => Ok(result?),
+        }
     }
 }
 

@@ -195,6 +195,7 @@ fn word(ending: Ending) -> &'static str {
         Ending::EvaluationsSpent => "evaluations_spent",
         Ending::TicksSpent => "ticks_spent",
         Ending::Stopped => "stopped",
+        Ending::Unread(_) => "unread",
     }
 }
 

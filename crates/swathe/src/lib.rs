@@ -10,6 +10,7 @@
 //! counter-clockwise from east in radians; grades are rise over run; unknown elevation is NaN. Public functions check
 //! shapes and ranges once and return an error; kernels below them assume what was checked.
 
+pub mod belief;
 pub mod corridor;
 pub mod drive;
 pub mod grid;
@@ -20,6 +21,7 @@ pub mod progress;
 pub mod random;
 pub mod rank;
 pub mod sensor;
+pub mod sim;
 pub mod soil;
 pub mod swarm;
 pub mod terrain;

@@ -6,7 +6,7 @@
 
 use thiserror::Error;
 
-use crate::vehicle::{KPA_PER_PSI, RunningGear, Vehicle};
+use crate::vehicle::{GRAVITY_MPS2, KPA_PER_PSI, RunningGear, Vehicle};
 
 /// Greatest rating cone index in psi.
 const CAP_PSI: f64 = 300.0;
@@ -178,6 +178,18 @@ impl Trafficability {
             rolling_resistance,
             speed_mps: vehicle.max_speed_mps * speed_share,
         }
+    }
+
+    /// Greatest speed in m/s that soil and power allow on a grade: the power at the ground over the driving force
+    /// m g (C cos α + sin α).
+    pub fn powered_speed_mps(&self, vehicle: &Vehicle, grade: f64) -> f64 {
+        let resistance = self.rolling_resistance + grade;
+        if resistance <= 0.0 {
+            return self.speed_mps;
+        }
+        let cos = 1.0 / (1.0 + grade * grade).sqrt();
+        let force_n = vehicle.mass_kg * GRAVITY_MPS2 * cos * resistance;
+        self.speed_mps.min(vehicle.drive_efficiency * vehicle.power_w / force_n)
     }
 }
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _STAGES = {
     "reading elevation": "Reading elevation",
+    "reading again": "No answer, reading again",
     "corridor": "Laying the arc",
     "regions": "Termites at work",
     "route": "Searching the route",

@@ -45,8 +45,8 @@ class ElevationSource:
 
     ``names`` are the inputs as they may be shown (``is_remote`` when any lies on a server), ``frame`` the lattice of
     the whole extent, ``source_crs_wkt`` the system of the files themselves (None in a local frame), ``grey`` tells a
-    picture from heights, ``warped`` whether cells are resampled, and ``native_cell_size_m`` the mean size of the files'
-    own cells on the ground.
+    picture from heights, ``warped`` whether cells are resampled, ``is_tiled`` whether the files hold blocks that can be
+    read alone, and ``native_cell_size_m`` the mean size of the files' own cells on the ground.
     """
 
     tile_size = TILE_SIZE
@@ -59,6 +59,9 @@ class ElevationSource:
         self._pool = pool
         self.names = tuple(source.name for source in sources)
         self.is_remote = any(source.is_remote for source in sources)
+        self.is_tiled = all(
+            not isinstance(place.tile, RasterTile) or place.tile.is_tiled for one in mosaics for place in one.placed
+        )
         self.frame = target.frame
         self.source_crs_wkt = mosaics[0].crs_wkt
         self.grey = grey
@@ -83,6 +86,11 @@ class ElevationSource:
         """Close the files. Reading again opens them again."""
         self._kept.clear()
         self._pool.close()
+
+    @property
+    def bytes_read(self) -> int:
+        """Bytes of numbers that were read from the files so far, as they are once decoded."""
+        return self._pool.bytes_read
 
     def fingerprint(self) -> dict[str, str]:
         """Return the SHA-256 of the bytes of every input by name; ``remote`` for what lies on a server."""

@@ -88,10 +88,14 @@ class GreyScale:
 
 
 class DatasetPool:
-    """Open datasets, the least recently used closed first, so that thousands of tiles never exhaust the system."""
+    """Open datasets, the least recently used closed first, so that thousands of tiles never exhaust the system.
+
+    ``bytes_read`` counts the decoded numbers that were read.
+    """
 
     def __init__(self) -> None:
         self._open: OrderedDict[str, Any] = OrderedDict()
+        self.bytes_read = 0
         self.lock = threading.RLock()
 
     def dataset(self, source: Source) -> Any:  # noqa: ANN401 - rasterio has no types
@@ -167,6 +171,8 @@ class RasterTile:
         # A byte cannot hold the heights of any but the flattest land, and a PNG is a picture first.
         self.is_picture = wkt is None and (self.dtype in (np.uint8, np.uint16) or dataset.driver == "PNG")
         self.grey: GreyScale | None = None
+        # In full-width strips a narrow block costs as much as a wide one.
+        self.is_tiled = dataset.block_shapes[self._band - 1][1] < self.columns
         self._nodata = dataset.nodatavals[self._band - 1]
         flags = dataset.mask_flag_enums[self._band - 1]
         self._has_mask = MaskFlags.per_dataset in flags or MaskFlags.alpha in flags
@@ -201,6 +207,7 @@ class RasterTile:
             with self._pool.lock, gdal_settings(self.source):
                 dataset = self._pool.dataset(self.source)
                 numbers = dataset.read(self._band, window=window)
+                self._pool.bytes_read += numbers.nbytes
                 masked = dataset.read_masks(self._band, window=window) == 0 if self._has_mask else None
         except GDAL_ERRORS as error:
             raise self.source.refusal(error) from error

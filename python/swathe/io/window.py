@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from swathe.errors import InvalidParameterError, NoOverlapError
-from swathe.grid import Position, Window
+from swathe.grid import Cell, Position, Window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,13 +51,20 @@ def bounded(
     return window
 
 
-def first_window(source: ElevationSource, whole: Window, ends: Sequence[Position]) -> Window:
+def reads_lazily(source: ElevationSource, whole: Window) -> bool:
+    """Return whether a plan that needs but a part of a map should read it tile by tile: it is large, or on a server."""
+    return source.is_remote or (source.is_tiled and whole.rows * whole.columns > WHOLE_MAP_CELLS)
+
+
+def first_window(source: ElevationSource, whole: Window, ends: Sequence[Position], *, lazy: bool = False) -> Window:
     """Return what a plan reads first: ``whole``, or for large and remote maps the part around start and goal.
+
+    A ``lazy`` plan reads little of its window; only what is kept for each cell bounds it.
 
     A place outside the map counts as the nearest inside: that it is outside can be told from any part.
     """
     geometry = source.frame.geometry
-    if whole.rows * whole.columns <= WHOLE_MAP_CELLS and not source.is_remote:
+    if whole.rows * whole.columns <= WHOLE_MAP_CELLS and (lazy or not source.is_remote):
         return whole
     inside = [
         Position(
@@ -69,6 +76,14 @@ def first_window(source: ElevationSource, whole: Window, ends: Sequence[Position
     margin = max(LEAST_MARGIN_CELLS, int(0.5 * distance_m / geometry.cell_size_m))
     window = _around(geometry, inside, margin)
     return whole if window is None else _clipped(window, whole)
+
+
+def nearest_cell(source: ElevationSource, place: Position) -> Cell:
+    """Return the cell of the map that is nearest to a place."""
+    geometry = source.frame.geometry
+    row = math.floor((geometry.north_m - place.y_m) / geometry.cell_size_m)
+    column = math.floor((place.x_m - geometry.west_m) / geometry.cell_size_m)
+    return Cell(min(max(row, 0), geometry.rows - 1), min(max(column, 0), geometry.columns - 1))
 
 
 def larger_window(window: Window, whole: Window) -> Window:

@@ -98,6 +98,16 @@ pub enum GridError {
         /// Cells given.
         found: usize,
     },
+    /// Tiles that do not fit a grid.
+    #[error(
+        "Tiles of {side} cells a side that begin {} rows and {} columns before the grid cannot be made.", first.0, first.1
+    )]
+    TileSide {
+        /// Cells of the side of a tile; a power of two up to 32,768.
+        side: usize,
+        /// Row and column inside its tile of the first cell.
+        first: (usize, usize),
+    },
     /// A cell lies outside the grid.
     #[error("Cell ({row}, {column}) lies outside a grid of {rows} rows and {columns} columns.")]
     OutsideGrid {

@@ -2,7 +2,7 @@
 
 use std::ops::{Index, IndexMut};
 
-use super::{Cell, GridError, GridGeometry};
+use super::{Cell, GridError, GridGeometry, Tiles};
 
 /// Values of a grid, owned, row by row from the north-west.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,11 +11,13 @@ pub struct Layer<T> {
     data: Vec<T>,
 }
 
-/// Values of a grid, borrowed.
+/// Values of a grid, borrowed: all of them side by side, or in tiles of which only some may be there.
 #[derive(Debug)]
 pub struct LayerView<'a, T> {
     geometry: GridGeometry,
+    /// Nothing where the values lie in tiles.
     data: &'a [T],
+    tiles: Option<&'a Tiles<T>>,
 }
 
 impl<T> Clone for LayerView<'_, T> {
@@ -70,6 +72,7 @@ impl<T> Layer<T> {
         LayerView {
             geometry: self.geometry,
             data: &self.data,
+            tiles: None,
         }
     }
 }
@@ -95,7 +98,16 @@ impl<'a, T> LayerView<'a, T> {
     /// [`GridError::ShapeMismatch`] when there is not one value per cell; `what` names the layer in it.
     pub fn new(geometry: GridGeometry, data: &'a [T], what: &'static str) -> Result<Self, GridError> {
         check(&geometry, data.len(), what)?;
-        Ok(Self { geometry, data })
+        let tiles = None;
+        Ok(Self { geometry, data, tiles })
+    }
+
+    pub(super) fn of_tiles(geometry: GridGeometry, tiles: &'a Tiles<T>) -> Self {
+        Self {
+            geometry,
+            data: &[],
+            tiles: Some(tiles),
+        }
     }
 
     /// The geometry.
@@ -103,12 +115,17 @@ impl<'a, T> LayerView<'a, T> {
         self.geometry
     }
 
-    /// The values.
+    /// Whether the values lie in tiles: then there are neither [`Self::data`] nor [`Self::row`]s, only cells.
+    pub fn is_tiled(&self) -> bool {
+        self.tiles.is_some()
+    }
+
+    /// The values of a layer that is not in tiles; nothing of one that is.
     pub fn data(&self) -> &'a [T] {
         self.data
     }
 
-    /// One row of values.
+    /// One row of values of a layer that is not in tiles.
     pub fn row(&self, row: usize) -> &'a [T] {
         let columns = self.geometry.columns();
         &self.data[row * columns..(row + 1) * columns]
@@ -117,8 +134,32 @@ impl<'a, T> LayerView<'a, T> {
 
 impl<T> Index<Cell> for LayerView<'_, T> {
     type Output = T;
+    #[inline]
     fn index(&self, cell: Cell) -> &T {
-        &self.data[self.geometry.index(cell)]
+        // The check against the end of the values, which must be made anyway, tells layers in tiles from others.
+        match self.data.get(self.geometry.index(cell)) {
+            Some(value) => value,
+            None => self.in_tiles(cell),
+        }
+    }
+}
+
+impl<T> LayerView<'_, T> {
+    /// The value of the cell with an index, which must lie inside; in tiles too.
+    #[inline]
+    pub fn at(&self, index: usize) -> &T {
+        match self.data.get(index) {
+            Some(value) => value,
+            None => self.in_tiles(self.geometry.cell(index)),
+        }
+    }
+
+    #[cold]
+    fn in_tiles(&self, cell: Cell) -> &T {
+        match self.tiles {
+            Some(tiles) => tiles.at(cell),
+            None => &self.data[self.geometry.index(cell)],
+        }
     }
 }
 

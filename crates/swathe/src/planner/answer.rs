@@ -3,6 +3,7 @@
 use crate::corridor::{ArcKind, Corridor};
 use crate::grid::{Cell, LayerView, Position};
 use crate::nest::Nests;
+use crate::rank::SourceFault;
 use crate::swarm::{Budget, StopRule, SwarmParams, Tally};
 
 use super::drivable::DrivablePath;
@@ -119,6 +120,8 @@ pub struct Plan {
     pub swarm: Option<SwarmReport>,
     /// Cells whose rank was asked for, those of the coarse map included.
     pub cells_evaluated: u64,
+    /// Ground beside the route that could not be read: it counts as no-go ground.
+    pub(super) unread: Option<SourceFault>,
     /// How the swarm's search ended (swarm only).
     pub stopped: Option<StopReport>,
 }
@@ -141,6 +144,7 @@ impl Plan {
             corridor: None,
             swarm: None,
             cells_evaluated: 0,
+            unread: None,
             stopped: None,
         }
     }

@@ -16,12 +16,13 @@ use crate::progress::silent;
 use crate::random::{philox, unit};
 use crate::rank::{CellSource, Ranker};
 use crate::soil::{SoilClass, Trafficability};
-use crate::swarm::{Colony, StopRule};
+use crate::swarm::{Colony, Ending, StopRule};
 use crate::terrain::gradient_at;
 
 use super::PlannerError;
 use super::answer::{Plan, Stage};
 use super::plan::{MOST_TICKS, Planner, Searched};
+use super::refusal::beyond;
 use super::search::{Search, StepGraph, search};
 use super::stop::StoppedBy;
 use super::watch::{Scene, Watch, centres};
@@ -161,6 +162,11 @@ impl StepGraph for Hope<'_, '_> {
         if rows != 0 && columns != 0 && (open(rows, 0).is_none() || open(0, columns).is_none()) {
             return f64::INFINITY;
         }
+        self.least_step(from, to, step)
+    }
+
+    /// What the step costs if it is open, which takes longer to tell.
+    fn least_step(&self, from: Cell, to: Cell, step: usize) -> f64 {
         let pace = |cell| self.table[usize::from(self.codes[self.geometry.index(cell)].get())];
         let paces = pace(from) + pace(to);
         EIGHT[step].length_cells() * self.geometry.cell_size_m() * paces / 2.0
@@ -212,7 +218,7 @@ impl Planner<'_> {
         let (start, goal) = (ends.start.0, ends.goal.0);
         let arc = match self.connect(&mut colony, &mut paces, start, goal, watch)? {
             Laid::Through(arc) => arc,
-            Laid::Nothing => return self.go_on(answer, colony, StopRule::Finished, watch),
+            Laid::Nothing => return self.nothing_left(answer, colony, watch),
             Laid::Spent(by) => return self.answer_early(answer, colony, by, watch),
         };
         drop(paces);
@@ -240,7 +246,24 @@ impl Planner<'_> {
             colony.give_nests(&nests);
         }
         answer.corridor = None;
-        self.go_on(answer, colony, StopRule::Finished, watch)
+        self.nothing_left(answer, colony, watch)
+    }
+
+    /// Tries everything else when no arc is left, and says why there is no way. Of a part of a map that is read when it is
+    /// needed nothing more is read: a larger part is what is needed.
+    fn nothing_left(
+        &self,
+        mut answer: Plan,
+        mut colony: Colony<&Ranker<'_>>,
+        watch: &mut Watch,
+    ) -> Result<Plan, PlannerError> {
+        if !(self.ranker.reads_when_needed() && self.terrain.map_continues) {
+            return self.go_on(answer, colony, StopRule::Finished, watch);
+        }
+        answer.note(&colony.tally());
+        answer.nests = Some(colony.take_nests()?);
+        answer.note_stop(&colony, StoppedBy::Finished);
+        Ok(answer.refused(beyond()))
     }
 
     /// Goes on all over the map until a rule ends that, and answers from what is known then.
@@ -271,6 +294,10 @@ impl Planner<'_> {
         by: StoppedBy,
         watch: &mut Watch,
     ) -> Result<Plan, PlannerError> {
+        if colony.spent() == Some(Ending::Stopped) {
+            // The caller stopped the reading of ground, not the clock the work.
+            return Err(PlannerError::Stopped);
+        }
         answer.note(&colony.tally());
         let nests = colony.take_nests()?;
         answer = self.finish(answer, nests, Searched::Early(by), watch)?;

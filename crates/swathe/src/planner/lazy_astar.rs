@@ -203,6 +203,8 @@ pub fn lazy_astar(
     }
     request.objective.validate(geometry.cell_size_m())?;
     check_factor(terrain.cost_factor)?;
+    // Which cells the search comes to is not known before: a source in tiles is read to its end.
+    source.prefetch(&mut geometry.cells(), 0)?;
     let nests = LazyNests::new(source, request.nest)?;
     let mut ground = Ground::new(
         terrain.elevation_m,

@@ -23,6 +23,8 @@ mod smooth;
 mod spine;
 mod stop;
 mod swathe;
+#[cfg(test)]
+mod tiled_tests;
 mod watch;
 
 use thiserror::Error;
@@ -30,7 +32,7 @@ use thiserror::Error;
 use crate::corridor::CorridorError;
 use crate::grid::GridError;
 use crate::nest::NestError;
-use crate::rank::RankError;
+use crate::rank::{RankError, SourceFault};
 use crate::swarm::SwarmError;
 
 pub use answer::{Method, Plan, PlanRequest, Stage, StageReport, SwarmReport, Terrain};
@@ -139,6 +141,9 @@ pub enum PlannerError {
         /// North.
         y_m: f64,
     },
+    /// Ground that is read when it is needed cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceFault),
     /// A search that would hold more memory than allowed.
     #[error(
         "The search needs {needed} bytes beside the costs, more than the {limit} allowed: about {cells} cells would fit."

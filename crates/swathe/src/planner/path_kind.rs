@@ -53,4 +53,20 @@ impl StepGraph for EightNeighbours<'_> {
     fn bound(&self, cell: Cell) -> f64 {
         self.0.bound(cell)
     }
+
+    fn scale(&self) -> Option<f64> {
+        self.0.scale()
+    }
+
+    fn least_step(&self, from: Cell, to: Cell, step: usize) -> f64 {
+        self.0.least_step(from, to, 2 * step)
+    }
+
+    fn surroundings(&self, from: Cell) -> u32 {
+        self.0.surroundings(from)
+    }
+
+    fn edge_cost_seen(&self, from: Cell, step: usize, surroundings: u32) -> f64 {
+        self.0.edge_cost_seen(from, 2 * step, surroundings)
+    }
 }

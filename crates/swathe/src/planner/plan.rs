@@ -3,7 +3,7 @@
 use crate::corridor::{ArcKind, capsule_half_width_m};
 use crate::grid::{Cell, GridGeometry, Layer, LayerView, Position};
 use crate::nest::{BitRows, Nests, exact_nests};
-use crate::rank::{CellSource, RankParams, Ranker};
+use crate::rank::{CellSource, RankParams, Ranker, SourceFault};
 use crate::swarm::StopRule;
 use crate::vehicle::Vehicle;
 
@@ -13,7 +13,7 @@ use super::clearance::ClearanceField;
 use super::ground::Ground;
 use super::path_kind::{EightNeighbours, PathKind};
 use super::refusal::{Refusal, Status, blocked_end, disconnected, limited};
-use super::route::Route;
+use super::route::{Route, read_beside};
 use super::search::{Search, search};
 use super::smooth::{drop_collinear, shorten};
 use super::stop::{StoppedBy, stopped_early};
@@ -81,6 +81,11 @@ pub fn plan_watched(
         request,
         ends: [ends[0], ends[1]],
     };
+    // Only the guided swarm needs but a part of the ground; risk is counted from no-go cells that nobody need have seen.
+    let needs_a_part = request.method == Method::Swarm && planner.is_guided() && request.objective.risk == 0.0;
+    if ranker.reads_when_needed() && !needs_a_part {
+        ranker.prefetch(&mut geometry.cells(), 0)?;
+    }
     match request.method {
         Method::Exact => {
             watch.tell(Stage::Regions, 0, 1)?;
@@ -320,7 +325,7 @@ impl Planner<'_> {
             }
             Search::Found { cells, cost } => {
                 answer.optimal = !bridging && self.is_optimal(searched, cost, &ends, &ground);
-                match self.route(&ground, &cells, &answer, watch)? {
+                match self.route(&ground, &cells, &mut answer, watch)? {
                     Ok(route) => {
                         let ends = (route.legs.first(), route.legs.last());
                         let least = match ends {
@@ -453,7 +458,7 @@ impl Planner<'_> {
         &self,
         ground: &Ground,
         cells: &[Cell],
-        answer: &Plan,
+        answer: &mut Plan,
         watch: &mut Watch,
     ) -> Result<Result<Route, Obstacle>, PlannerError> {
         let exact = [answer.start, answer.goal].map(|end| end.map(|end| end.0));
@@ -474,6 +479,11 @@ impl Planner<'_> {
                 best.points
             }
         };
+        match read_beside(ground, self.ranker, &points) {
+            Ok(()) => {}
+            Err(SourceFault::Stopped) => return Err(PlannerError::Stopped),
+            Err(fault) => answer.unread = Some(fault),
+        }
         let max_speed_mps = self.vehicle.max_speed_mps;
         Ok(Route::evaluate(ground, self.ranker, &points, max_speed_mps))
     }

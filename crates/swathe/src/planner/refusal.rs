@@ -24,6 +24,8 @@ pub enum Status {
     GoalBlocked,
     /// Start or goal lies outside the map.
     OutsideMap,
+    /// Ground that was needed could not be read.
+    Unread,
 }
 
 impl Status {
@@ -35,6 +37,7 @@ impl Status {
             Self::StartBlocked => "start_blocked",
             Self::GoalBlocked => "goal_blocked",
             Self::OutsideMap => "outside_map",
+            Self::Unread => "unread",
         }
     }
 }
@@ -135,6 +138,26 @@ pub(super) fn blocked_end(
         ),
         place: Some(place),
         remedy: cure(found, slope, vehicle),
+    }
+}
+
+/// Refuses because ground could not be read; nothing is said of whether a way exists.
+pub(super) fn unread() -> Refusal {
+    Refusal {
+        status: Status::Unread,
+        reason: "The elevation that was needed next could not be read. Whether there is a way is not known.".to_owned(),
+        place: None,
+        remedy: "Check the file and the network, and plan again.".to_owned(),
+    }
+}
+
+/// Refuses on a part of a map that goes on: a way may lead around it.
+pub(super) fn beyond() -> Refusal {
+    Refusal {
+        status: Status::NoRoute,
+        reason: "No safe ground connects start and goal inside the part of the map that was given.".to_owned(),
+        place: None,
+        remedy: "Give a larger part of the map.".to_owned(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The route as the user gets it: legs with their facts and reasons.
 
 use crate::grid::Position;
-use crate::rank::CellSource;
+use crate::rank::{CellSource, SourceFault};
 use crate::soil::SoilClass;
 
 use super::clearance::Nearness;
@@ -101,6 +101,30 @@ pub(super) fn add(total: &mut SegmentFacts, leg: &SegmentFacts, first: bool) {
     for (sum, part) in total.soil_m.iter_mut().zip(leg.soil_m) {
         *sum += part;
     }
+}
+
+/// Has the source read the ground beside a way and where straight lines that leave a vertex out end, of which the route
+/// tells.
+///
+/// # Errors
+/// [`SourceFault`] when ground cannot be read.
+pub(super) fn read_beside(ground: &Ground, source: &impl CellSource, points: &[Position]) -> Result<(), SourceFault> {
+    let geometry = ground.geometry();
+    let reach = (ground.risk_reach_m() / geometry.cell_size_m()).ceil() as usize;
+    for pair in points.windows(2) {
+        let mut cells = Vec::new();
+        crate::grid::pieces(&geometry, pair[0], pair[1], |piece| {
+            cells.push(piece.cell);
+            true
+        });
+        source.prefetch(&mut cells.into_iter(), reach)?;
+    }
+    for ends in points.windows(3) {
+        if let Err(Obstacle::Closed(cell)) = ground.segment(ends[0], ends[2]) {
+            source.prefetch(&mut std::iter::once(cell), 0)?;
+        }
+    }
+    Ok(())
 }
 
 fn legs_cost(ground: &Ground, a: Position, b: Position) -> Option<f64> {

@@ -101,7 +101,7 @@ fn coarse_mean(elevation_m: LayerView<f32>, coarse: GridGeometry) -> Result<Laye
         for row in (cell.row * COARSE..(cell.row + 1) * COARSE).take_while(|&row| row < geometry.rows()) {
             let from = cell.column * COARSE;
             let to = (from + COARSE).min(geometry.columns());
-            for &height in &elevation_m.row(row)[from..to] {
+            for height in (from..to).map(|column| elevation_m[Cell::new(row, column)]) {
                 if height.is_finite() {
                     sum += f64::from(height);
                     count += 1;

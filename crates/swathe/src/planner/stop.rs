@@ -1,11 +1,11 @@
 //! Stopping early: what ended the search for ground, what is not known yet, and a refusal that claims no more than that.
 
 use crate::grid::GridGeometry;
-use crate::rank::{CellSource, Ranker};
+use crate::rank::{CellSource, Ranker, SourceFault};
 use crate::swarm::{Budget, Colony, Ending};
 
 use super::answer::Plan;
-use super::refusal::{Refusal, Status};
+use super::refusal::{Refusal, Status, unread};
 
 /// What ended the search for ground.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +24,8 @@ pub enum StoppedBy {
     Evaluations,
     /// The time is over.
     Seconds,
+    /// Ground that was needed next cannot be read.
+    Unread(SourceFault),
 }
 
 impl StoppedBy {
@@ -37,6 +39,7 @@ impl StoppedBy {
             Self::Ticks => "max_ticks",
             Self::Evaluations => "max_evaluations",
             Self::Seconds => "max_seconds",
+            Self::Unread(_) => "unread",
         }
     }
 
@@ -49,12 +52,13 @@ impl StoppedBy {
             Ending::TicksSpent => Self::Ticks,
             Ending::EvaluationsSpent => Self::Evaluations,
             Ending::Stopped => Self::Seconds,
+            Ending::Unread(fault) => Self::Unread(fault),
         }
     }
 
-    /// Whether a budget ended the search, so that nothing more may be looked at.
+    /// Whether nothing more may or can be looked at: a budget ended the search, or ground that cannot be read.
     pub(super) fn is_budget(self) -> bool {
-        matches!(self, Self::Ticks | Self::Evaluations | Self::Seconds)
+        matches!(self, Self::Ticks | Self::Evaluations | Self::Seconds | Self::Unread(_))
     }
 }
 
@@ -72,6 +76,14 @@ pub struct StopReport {
 }
 
 impl Plan {
+    /// Ground that was wanted and could not be read: the answer holds for what was known by then.
+    pub fn fault(&self) -> Option<SourceFault> {
+        match self.stopped.map(|stopped| stopped.by) {
+            Some(StoppedBy::Unread(fault)) => Some(fault),
+            _ => self.unread,
+        }
+    }
+
     /// Notes what ended the search and what of the answer's swathe is unseen.
     pub(super) fn note_stop(&mut self, colony: &Colony<&Ranker<'_>>, by: StoppedBy) {
         let geometry: GridGeometry = colony.source().geometry();
@@ -98,6 +110,7 @@ pub(super) fn stopped_early(by: StoppedBy, budget: Budget) -> Refusal {
         StoppedBy::Ticks => (spent(budget.ticks, "tick"), "a larger `--max-ticks`"),
         StoppedBy::Evaluations => (spent(budget.evaluations, "evaluation"), "a larger `--max-evaluations`"),
         StoppedBy::Seconds => ("the time given was over".to_owned(), "a larger `--max-seconds`"),
+        StoppedBy::Unread(_) => return unread(),
         _ => ("the statistical rule ended the search".to_owned(), "`--stop finished`"),
     };
     Refusal {

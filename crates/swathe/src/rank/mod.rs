@@ -8,6 +8,7 @@ mod criteria;
 mod paper;
 mod plain;
 mod ranker;
+mod tiled;
 
 use thiserror::Error;
 
@@ -18,6 +19,7 @@ use crate::vehicle::VehicleError;
 pub use ahp::{Ahp, ahp};
 pub use paper::{Bands, Directions, Rounding, height_goodness};
 pub use ranker::Ranker;
+pub use tiled::{SourceFault, TileReader, TiledHeights};
 
 /// Lowest rank that counts as suitable when gates hold.
 pub const RANK_MIN_GATED: u8 = 6;
@@ -205,6 +207,17 @@ pub trait CellSource: Sync {
             *rank = self.cell_rank(Cell::new(row, column + place));
         }
     }
+
+    /// Makes sure that the ranks of these cells, and of all within `reach` rows and columns of them, can be told. A source
+    /// that reads its ground when it is needed does so here: between ticks, on the caller's thread, never while ranks are
+    /// asked for. Others do nothing.
+    ///
+    /// # Errors
+    /// [`SourceFault`] when ground cannot be read; what was read stays.
+    fn prefetch(&self, cells: &mut dyn Iterator<Item = Cell>, reach: usize) -> Result<(), SourceFault> {
+        let _ = (cells, reach);
+        Ok(())
+    }
 }
 
 impl<Source: CellSource> CellSource for &Source {
@@ -218,6 +231,10 @@ impl<Source: CellSource> CellSource for &Source {
 
     fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
         (**self).rank_window(row, column, ranks);
+    }
+
+    fn prefetch(&self, cells: &mut dyn Iterator<Item = Cell>, reach: usize) -> Result<(), SourceFault> {
+        (**self).prefetch(cells, reach)
     }
 }
 

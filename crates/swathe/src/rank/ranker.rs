@@ -7,10 +7,11 @@ use crate::soil::{SoilClass, check_moisture};
 use crate::terrain::{allowed_headings, gradient_at, neighbourhood, roughness_at};
 use crate::vehicle::Vehicle;
 
+use super::RANK_REACH_CELLS;
 use super::criteria::Criteria;
 use super::paper::goodness_of;
 use super::plain::{PlainRanks, STRETCH, slope_squared};
-use super::{CellRank, CellSource, Combine, Profile, RankError, RankMap, RankParams, Reason};
+use super::{CellRank, CellSource, Combine, Profile, RankError, RankMap, RankParams, Reason, SourceFault, TileReader};
 
 /// Ranks cells of a terrain for a vehicle.
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub struct Ranker<'a> {
     /// Whether cells are fine enough to see what the wheels feel.
     fine: bool,
     plain: PlainRanks,
+    /// Reads ground that is missing; none where all is there.
+    reader: Option<&'a dyn TileReader>,
 }
 
 impl<'a> Ranker<'a> {
@@ -46,8 +49,8 @@ impl<'a> Ranker<'a> {
         check_moisture(params.moisture_percent)?;
         check_params(&params)?;
         let geometry = elevation_m.geometry();
-        let fits = |found: usize, what| {
-            let expected = geometry.cell_count();
+        let fits = |geometry: GridGeometry, what| {
+            let (expected, found) = (elevation_m.geometry().cell_count(), geometry.cell_count());
             if found == expected {
                 Ok(())
             } else {
@@ -55,17 +58,17 @@ impl<'a> Ranker<'a> {
             }
         };
         if let Some(soil) = soil {
-            fits(soil.data().len(), "the soil layer")?;
+            fits(soil.geometry(), "the soil layer")?;
             let chunks = soil.data().par_chunks(1 << 16);
             let worst = chunks.map(|codes| codes.iter().copied().fold(0, u8::max)).max();
             let worst = worst.unwrap_or(0);
             SoilClass::from_code(worst)?;
         }
         if let Some(grey) = grey {
-            fits(grey.data().len(), "the height map")?;
+            fits(grey.geometry(), "the height map")?;
         }
         if let Some(zones) = zones {
-            fits(zones.data().len(), "the zones")?;
+            fits(zones.geometry(), "the zones")?;
         }
         if params.profile != Profile::Metric && grey.is_none() {
             return Err(RankError::NoHeightMap);
@@ -86,7 +89,20 @@ impl<'a> Ranker<'a> {
             criteria,
             vehicle,
             fine: params.profile == Profile::Metric && geometry.cell_size_m() <= vehicle.length_m,
+            reader: None,
         })
+    }
+
+    /// The same for an elevation in tiles, of which `reader` reads those that are missing when they are needed.
+    #[must_use]
+    pub fn reading(self, reader: &'a dyn TileReader) -> Self {
+        let reader = Some(reader);
+        Self { reader, ..self }
+    }
+
+    /// Whether ground is read when it is first needed.
+    pub fn reads_when_needed(&self) -> bool {
+        self.reader.is_some()
     }
 
     /// Ranks every cell, rows in parallel.
@@ -123,7 +139,10 @@ impl<'a> Ranker<'a> {
     fn rank_stretch<T>(&self, row: usize, column: usize, out: &mut [T], wrap: impl Fn(CellRank) -> T + Copy) {
         let geometry = self.geometry();
         let alone = |column| wrap(self.cell_rank(Cell::new(row, column)));
-        let plain = self.params.profile == Profile::Metric && !self.fine && self.zones.is_none();
+        let plain = self.params.profile == Profile::Metric
+            && !self.fine
+            && self.zones.is_none()
+            && !self.elevation_m.is_tiled();
         if !plain || row == 0 || row + 1 >= geometry.rows() {
             for (place, cell) in out.iter_mut().enumerate() {
                 *cell = alone(column + place);
@@ -223,6 +242,13 @@ impl CellSource for Ranker<'_> {
 
     fn rank_window(&self, row: usize, column: usize, ranks: &mut [CellRank]) {
         self.rank_stretch(row, column, ranks, |rank| rank);
+    }
+
+    fn prefetch(&self, cells: &mut dyn Iterator<Item = Cell>, reach: usize) -> Result<(), SourceFault> {
+        match self.reader {
+            Some(reader) => reader.read_around(cells, reach + RANK_REACH_CELLS),
+            None => Ok(()),
+        }
     }
 }
 

@@ -16,6 +16,7 @@ use thiserror::Error;
 
 use crate::grid::GridError;
 use crate::nest::{NestError, NestParams};
+use crate::rank::SourceFault;
 
 pub use colony::{Changes, Colony, Ending, Frame, FrameTicks, Seen, Tally};
 pub use stop::{Budget, STATISTICAL, StopRule};
@@ -78,6 +79,9 @@ pub enum SwarmError {
     /// The mask does not fit the map.
     #[error(transparent)]
     Grid(#[from] GridError),
+    /// Ground that is read when it is needed cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceFault),
     /// A parameter is outside its range.
     #[error("The swarm's {name} of {given} is not usable: {allowed}.")]
     Parameter {

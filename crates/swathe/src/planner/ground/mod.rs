@@ -23,7 +23,7 @@ use crate::vehicle::Vehicle;
 
 use super::search::StepGraph;
 use limits::Limits;
-use motion::{energy_j, speed_mps};
+use motion::{energy_j, speed_mps, steady_grades};
 use pricing::Pricing;
 use template::{Template, bilinear, template};
 
@@ -47,6 +47,10 @@ pub struct Ground<'a> {
     bridged: Option<BitRows>,
     radius_m: f64,
     templates: Vec<Template>,
+    /// Grades at which the speed on each soil is the soil's own.
+    steady: [[f64; 2]; 7],
+    /// No piece is quicker than this on any open cell.
+    fastest_mps: f64,
     /// Rows and columns that a template reaches beyond the cell.
     reach: usize,
     goal: Position,
@@ -68,10 +72,7 @@ impl<'a> Ground<'a> {
         let geometry = elevation_m.geometry();
         let soils = SoilClass::ALL.map(|class| Trafficability::of(vehicle, class, moisture_percent));
         let radius_m = vehicle.circumscribed_radius_m();
-        let templates: Vec<Template> = SIXTEEN
-            .iter()
-            .map(|step| template(*step, geometry.cell_size_m(), radius_m))
-            .collect();
+        let templates: Vec<Template> = SIXTEEN.iter().map(|step| template(*step, geometry, radius_m)).collect();
         let limits = Limits::new(vehicle);
         let reach = templates
             .iter()
@@ -81,11 +82,12 @@ impl<'a> Ground<'a> {
             .unwrap_or(0);
         let mut headings = Layer::filled(geometry, 0);
         let columns = geometry.columns();
-        headings
+        let soils_met = headings
             .data_mut()
             .par_chunks_mut(columns)
             .enumerate()
-            .for_each(|(row, out)| {
+            .map(|(row, out)| {
+                let mut met = 0u8;
                 for (column, allowed) in out.iter_mut().enumerate() {
                     if !is_open(row * columns + column) {
                         continue;
@@ -94,9 +96,20 @@ impl<'a> Ground<'a> {
                     if let Some(gradient) = gradient_at(elevation_m, cell) {
                         let code = soil.map_or(0, |soil| soil[cell]);
                         *allowed = limits.headings(gradient, &soils[usize::from(code)]);
+                        met |= 1 << code;
                     }
                 }
-            });
+                met
+            })
+            .reduce(|| 0, |a, b| a | b);
+        let speeds = soils.iter().enumerate().filter(|(code, _)| soils_met >> code & 1 == 1);
+        let fastest_mps = speeds.fold(0.0, |fastest: f64, (_, soil)| fastest.max(soil.speed_mps));
+        // Where nothing is open any speed will do.
+        let fastest_mps = if fastest_mps > 0.0 {
+            fastest_mps
+        } else {
+            vehicle.max_speed_mps
+        };
         Self {
             elevation_m,
             soil,
@@ -108,6 +121,8 @@ impl<'a> Ground<'a> {
             bridged,
             radius_m,
             templates,
+            steady: soils.map(|soil| steady_grades(vehicle, &soil)),
+            fastest_mps,
             reach,
             goal,
             reversed: false,
@@ -345,29 +360,38 @@ impl<'a> Ground<'a> {
         if self.reversed { -rise_m } else { rise_m }
     }
 
-    /// Height at an inner border of a template.
-    fn border_m(&self, from: Cell, weights: &[(Step, f64)]) -> f64 {
-        let geometry = self.geometry();
+    /// Height at an inner border of a template that begins at the cell with an index.
+    fn border_m(&self, from: usize, weights: &[(isize, f64)]) -> f64 {
+        let height = |offset: isize| f64::from(*self.elevation_m.at(from.wrapping_add_signed(offset)));
+        let sum = weights
+            .iter()
+            .fold(0.0, |sum, &(offset, weight)| sum + weight * height(offset));
+        if sum.is_finite() {
+            // All heights are known, and weights add up to one exactly.
+            return sum;
+        }
         let (mut sum, mut total) = (0.0, 0.0);
-        for (step, weight) in weights {
-            let row = (from.row as i64 + i64::from(step.rows)) as usize;
-            let column = (from.column as i64 + i64::from(step.columns)) as usize;
-            let height = f64::from(self.elevation_m.data()[row * geometry.columns() + column]);
-            if height.is_finite() {
-                sum += weight * height;
+        for &(offset, weight) in weights {
+            if height(offset).is_finite() {
+                sum += weight * height(offset);
                 total += weight;
             }
         }
-        if total == 1.0 { sum } else { sum / total }
+        sum / total
+    }
+
+    /// Whether no template that begins at a cell leaves the map.
+    fn is_inner(&self, from: Cell) -> bool {
+        let geometry = self.geometry();
+        from.row >= self.reach
+            && from.column >= self.reach
+            && from.row + self.reach < geometry.rows()
+            && from.column + self.reach < geometry.columns()
     }
 
     fn all_open(&self, from: Cell, steps: &[Step]) -> bool {
         let geometry = self.geometry();
-        let inner = from.row >= self.reach
-            && from.column >= self.reach
-            && from.row + self.reach < geometry.rows()
-            && from.column + self.reach < geometry.columns();
-        if inner {
+        if self.is_inner(from) {
             let here = geometry.index(from) as i64;
             let columns = geometry.columns() as i64;
             return steps.iter().all(|step| {
@@ -381,50 +405,75 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// What a step costs the vehicle that drives it.
-    fn driven_cost(&self, from: Cell, step: usize) -> f64 {
+    /// What a step costs the vehicle that drives it; `clear` holds steps whose cells are known to allow them.
+    fn driven_cost(&self, from: Cell, step: usize, clear: u32) -> f64 {
         let bit = 1 << step;
         let template = &self.templates[step];
-        if self.headings[from] & bit == 0 || !self.all_open(from, &template.swept) {
+        let is_clear = clear >> step & 1 == 1;
+        if !is_clear && (self.headings[from] & bit == 0 || !self.all_open(from, &template.swept)) {
             return f64::INFINITY;
         }
+        let geometry = self.geometry();
+        let (first, columns) = (geometry.index(from), geometry.columns());
         let mut cost = 0.0;
-        let mut height_m = f64::from(self.elevation_m[from]);
-        for (place, (offset, share)) in template.crossed.iter().enumerate() {
-            let cell = Cell::new(
-                (from.row as i64 + i64::from(offset.rows)) as usize,
-                (from.column as i64 + i64::from(offset.columns)) as usize,
-            );
-            if self.headings[cell] & bit == 0 {
+        let mut height_m = f64::from(*self.elevation_m.at(first));
+        for crossed in &template.crossed {
+            let index = first.wrapping_add_signed(crossed.offset);
+            if !is_clear && self.headings.data()[index] & bit == 0 {
                 return f64::INFINITY;
             }
-            let next_m = match template.borders.get(place) {
-                Some(weights) => self.border_m(from, weights),
-                None => f64::from(self.elevation_m[cell]),
+            let next_m = if crossed.border.is_empty() {
+                f64::from(*self.elevation_m.at(index))
+            } else {
+                self.border_m(first, &crossed.border)
             };
-            let run_m = template.run_m * share;
+            let run_m = crossed.run_m;
             let grade = (next_m - height_m) / run_m;
-            let soil = &self.soils[self.soil_code(cell)];
+            let code = self.soil.map_or(0, |soil| usize::from(soil.data()[index]));
+            let soil = &self.soils[code];
             if !self.limits.allows_grade(grade, soil) {
                 return f64::INFINITY;
             }
-            let Some(speed_mps) = speed_mps(self.vehicle, soil, grade) else {
+            let [low, high] = self.steady[code];
+            let speed_mps = if (low..=high).contains(&grade) {
+                soil.speed_mps
+            } else if let Some(speed_mps) = speed_mps(self.vehicle, soil, grade) {
+                speed_mps
+            } else {
                 return f64::INFINITY;
             };
             let length_m = run_m * (1.0 + grade * grade).sqrt();
             let time_s = length_m / speed_mps;
-            let energy_j = || energy_j(self.vehicle, soil, grade, length_m, time_s);
-            let piece = self
-                .pricing
-                .cost(cell, time_s, energy_j, || self.pricing.exposure_at(cell));
-            cost += if self.is_bridged(cell) {
-                BRIDGE_FACTOR * piece
+            cost += if self.pricing.is_plain() && self.bridged.is_none() {
+                time_s
             } else {
-                piece
+                let cell = Cell::new(index / columns, index % columns);
+                let energy_j = || energy_j(self.vehicle, soil, grade, length_m, time_s);
+                let piece = self
+                    .pricing
+                    .cost(cell, time_s, energy_j, || self.pricing.exposure_at(cell));
+                if self.is_bridged(cell) {
+                    BRIDGE_FACTOR * piece
+                } else {
+                    piece
+                }
             };
             height_m = next_m;
         }
         cost
+    }
+
+    /// The headings that every cell allows that a template beginning at this one can touch; none at the rim of the map.
+    fn clear_headings(&self, from: Cell) -> u16 {
+        if !self.is_inner(from) {
+            return 0;
+        }
+        let (width, columns) = (2 * self.reach + 1, self.geometry().columns());
+        let north_west = self.geometry().index(from) - self.reach * (columns + 1);
+        let rows = self.headings.data()[north_west..].chunks(columns).take(width);
+        rows.fold(u16::MAX, |all, row| {
+            row[..width].iter().fold(all, |all, &allowed| all & allowed)
+        })
     }
 }
 
@@ -438,24 +487,54 @@ impl StepGraph for Ground<'_> {
     }
 
     fn edge_cost(&self, from: Cell, step: usize) -> f64 {
-        if !self.reversed {
-            return self.driven_cost(from, step);
-        }
-        let to = SIXTEEN[step].from(&self.geometry(), from);
-        to.map_or(f64::INFINITY, |to| {
-            self.driven_cost(to, (step + SIXTEEN.len() / 2) % SIXTEEN.len())
-        })
+        self.edge_cost_seen(from, step, 0)
     }
 
     fn bound(&self, cell: Cell) -> f64 {
-        let distance_m = self.geometry().centre(cell).distance_m(self.goal);
-        if self.pricing.counts_energy()
-            && let Some(goal) = self.geometry().cell_at(self.goal)
-        {
-            return self.pricing.least(distance_m, self.rise_m(cell, goal)) * (1.0 - 1e-12);
+        let centre = self.geometry().centre(cell);
+        let (east_m, north_m) = (self.goal.x_m - centre.x_m, self.goal.y_m - centre.y_m);
+        let distance_m = (east_m * east_m + north_m * north_m).sqrt();
+        let climb = match self.geometry().cell_at(self.goal) {
+            Some(goal) if self.pricing.counts_energy() => self.pricing.climb(distance_m, self.rise_m(cell, goal)),
+            _ => 0.0,
+        };
+        // No open cell is quicker than the fastest of them. A hair less than the bound, so that rounding cannot make it
+        // inconsistent.
+        let flat_per_m = self.least_cost_per_m() * (self.vehicle.max_speed_mps / self.fastest_mps).max(1.0);
+        (flat_per_m * distance_m + climb) * (1.0 - 1e-12)
+    }
+
+    fn scale(&self) -> Option<f64> {
+        // Where factors differ much, the least cost tells nothing of the usual one.
+        let scale = self.least_cost_per_m() * self.geometry().cell_size_m();
+        (!self.pricing.has_factor() && scale.is_normal()).then_some(scale)
+    }
+
+    fn least_step(&self, from: Cell, to: Cell, step: usize) -> f64 {
+        if self.pricing.has_factor() {
+            return 0.0;
         }
-        // A hair less than the bound, so that rounding cannot make it inconsistent.
-        self.least_cost_per_m() * (1.0 - 1e-12) * distance_m
+        // The straight line is no longer than its pieces together. An unknown height leaves nothing known.
+        let (run_m, rise_m) = (self.templates[step].run_m, self.rise_m(from, to));
+        let length_m = (run_m * run_m + rise_m * rise_m).sqrt();
+        self.pricing.objective.time * length_m / self.fastest_mps * (1.0 - 1e-12)
+    }
+
+    fn surroundings(&self, from: Cell) -> u32 {
+        if self.reversed {
+            return 0;
+        }
+        u32::from(self.clear_headings(from))
+    }
+
+    fn edge_cost_seen(&self, from: Cell, step: usize, surroundings: u32) -> f64 {
+        if !self.reversed {
+            return self.driven_cost(from, step, surroundings);
+        }
+        let to = SIXTEEN[step].from(&self.geometry(), from);
+        to.map_or(f64::INFINITY, |to| {
+            self.driven_cost(to, (step + SIXTEEN.len() / 2) % SIXTEEN.len(), 0)
+        })
     }
 }
 

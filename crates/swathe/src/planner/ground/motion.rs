@@ -12,12 +12,7 @@ use super::Objective;
 /// Greatest speed on a soil and grade, or `None` where the brakes cannot hold the vehicle.
 pub(super) fn speed_mps(vehicle: &Vehicle, soil: &Trafficability, grade: f64) -> Option<f64> {
     let cos = 1.0 / (1.0 + grade * grade).sqrt();
-    let mut speed_mps = soil.speed_mps;
-    let resistance = soil.rolling_resistance + grade;
-    if resistance > 0.0 {
-        let force_n = vehicle.mass_kg * GRAVITY_MPS2 * cos * resistance;
-        speed_mps = speed_mps.min(vehicle.drive_efficiency * vehicle.power_w / force_n);
-    }
+    let speed_mps = soil.powered_speed_mps(vehicle, grade);
     // v² / a + v t = d with twice the deceleration a.
     let doubled_mps2 = 2.0 * GRAVITY_MPS2 * cos * (vehicle.braking_friction + grade);
     if doubled_mps2 <= 0.0 {
@@ -26,6 +21,29 @@ pub(super) fn speed_mps(vehicle: &Vehicle, soil: &Trafficability, grade: f64) ->
     let t = vehicle.reaction_time_s;
     let stopping = (t * t + 4.0 * vehicle.sight_distance_m / doubled_mps2).sqrt() - t;
     Some(speed_mps.min(stopping * doubled_mps2 / 2.0))
+}
+
+/// Grades between which [`speed_mps`] is the soil's speed, to the last bit: neither power nor braking comes near to it.
+/// A low end above the high one means none.
+pub(super) fn steady_grades(vehicle: &Vehicle, soil: &Trafficability) -> [f64; 2] {
+    /// What counts as near.
+    const ROOM: f64 = 1e-6;
+    /// Beyond 45 degrees nothing is promised.
+    const STEEPEST: f64 = 1.0;
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    let left_m = vehicle.sight_distance_m - soil.speed_mps * vehicle.reaction_time_s;
+    if soil.speed_mps <= 0.0 || left_m <= 0.0 {
+        return none;
+    }
+    // Cosines are at most 1 where they make the force greater, and at least this where they make braking weaker.
+    let cos = 1.0 / (1.0 + STEEPEST * STEEPEST).sqrt();
+    let weight_n = vehicle.mass_kg * GRAVITY_MPS2;
+    let pulled = vehicle.drive_efficiency * vehicle.power_w / (weight_n * soil.speed_mps);
+    let held = soil.speed_mps * soil.speed_mps / left_m / (2.0 * GRAVITY_MPS2 * cos);
+    let low = held - vehicle.braking_friction + ROOM;
+    let high = pulled - soil.rolling_resistance - ROOM;
+    let (low, high) = (low.max(-STEEPEST), high.min(STEEPEST));
+    if low <= high { [low, high] } else { none }
 }
 
 /// Driving force in newtons on a soil and grade; negative where the vehicle must brake.

@@ -45,6 +45,14 @@ impl<'a> Pricing<'a> {
         self.pull_per_m *= least;
     }
 
+    pub(super) fn is_plain(&self) -> bool {
+        self.plain
+    }
+
+    pub(super) fn has_factor(&self) -> bool {
+        self.factor.is_some()
+    }
+
     pub(super) fn counts_energy(&self) -> bool {
         self.pull_per_m > 0.0
     }

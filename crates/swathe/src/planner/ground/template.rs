@@ -7,11 +7,17 @@ use crate::grid::{Cell, GridGeometry, Step, pieces, swept_cells};
 pub(super) struct Template {
     /// Cells that the vehicle's circle touches.
     pub(super) swept: Vec<Step>,
-    /// Cells crossed, with the share of the length in each.
-    pub(super) crossed: Vec<(Step, f64)>,
-    /// Heights at the inner borders as weighted sums.
-    pub(super) borders: Vec<Vec<(Step, f64)>>,
+    pub(super) crossed: Vec<Crossed>,
     pub(super) run_m: f64,
+}
+
+/// The piece of a step in one cell. Offsets are of indices, from where the step begins.
+#[derive(Clone, Debug)]
+pub(super) struct Crossed {
+    pub(super) offset: isize,
+    pub(super) run_m: f64,
+    /// Height at the border where it ends as a weighted sum; empty at the centre where the step ends.
+    pub(super) border: Vec<(isize, f64)>,
 }
 
 /// The four centres around a point given in cells from the corner, with their bilinear weights.
@@ -28,7 +34,8 @@ pub(super) fn bilinear(row: f64, column: f64) -> [(i64, i64, f64); 4] {
 }
 
 /// Cuts a step into pieces with the same code that cuts segments, on a scrap of grid.
-pub(super) fn template(step: Step, cell_size_m: f64, radius_m: f64) -> Template {
+pub(super) fn template(step: Step, map: GridGeometry, radius_m: f64) -> Template {
+    let cell_size_m = map.cell_size_m();
     let middle = (radius_m / cell_size_m).ceil() as usize + 3;
     let side = 2 * middle + 1;
     let geometry = GridGeometry::new(side, side, cell_size_m, 0.0, 0.0).expect("a scrap of grid has cells");
@@ -39,28 +46,32 @@ pub(super) fn template(step: Step, cell_size_m: f64, radius_m: f64) -> Template 
         rows: cell.row as i32 - middle as i32,
         columns: cell.column as i32 - middle as i32,
     };
-    let (mut swept, mut crossed, mut borders) = (Vec::new(), Vec::new(), Vec::new());
+    let by_index = |cell: Cell| {
+        let Step { rows, columns } = offset(cell);
+        rows as isize * map.columns() as isize + columns as isize
+    };
+    let run_m = cell_size_m * step.length_cells();
+    let (mut swept, mut crossed) = (Vec::new(), Vec::new());
     swept_cells(&geometry, a, b, radius_m, |cell| {
         swept.extend(cell.map(offset));
         true
     });
     pieces(&geometry, a, b, |piece| {
-        crossed.push((offset(piece.cell), piece.end - piece.start));
         let (row, column) = geometry.fractional(a.towards(b, piece.end));
         let weights = bilinear(row, column).map(|(row, column, weight)| {
             let cell = Cell::new(row as usize, column as usize);
             // Exact fractions, so that weights sum to one exactly.
-            (offset(cell), (weight * 64.0).round() / 64.0)
+            (by_index(cell), (weight * 64.0).round() / 64.0)
         });
-        borders.push(weights.into_iter().filter(|(_, weight)| *weight > 0.0).collect());
+        crossed.push(Crossed {
+            offset: by_index(piece.cell),
+            run_m: run_m * (piece.end - piece.start),
+            border: weights.into_iter().filter(|(_, weight)| *weight > 0.0).collect(),
+        });
         true
     });
-    // The last border is the target's centre.
-    borders.pop();
-    Template {
-        swept,
-        crossed,
-        borders,
-        run_m: cell_size_m * step.length_cells(),
+    if let Some(last) = crossed.last_mut() {
+        last.border.clear();
     }
+    Template { swept, crossed, run_m }
 }

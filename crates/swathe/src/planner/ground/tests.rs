@@ -67,6 +67,27 @@ impl World {
     }
 }
 
+/// A ground of which no more is told than its edges, searched without a bound in full order.
+struct Plain<'a, 'b>(&'a Ground<'b>);
+
+impl StepGraph for Plain<'_, '_> {
+    fn geometry(&self) -> GridGeometry {
+        self.0.geometry()
+    }
+
+    fn steps(&self) -> &[Step] {
+        self.0.steps()
+    }
+
+    fn edge_cost(&self, from: Cell, step: usize) -> f64 {
+        self.0.edge_cost(from, step)
+    }
+
+    fn bound(&self, _: Cell) -> f64 {
+        0.0
+    }
+}
+
 fn weight() -> impl Strategy<Value = f64> {
     prop_oneof![Just(0.0), Just(1.0), 0.1f64..20.0]
 }
@@ -236,6 +257,70 @@ proptest! {
                 prop_assert_eq!((cells[0], cells[cells.len() - 1]), (goal, start));
             }
             (there, back) => prop_assert_eq!(there, back),
+        }
+    }
+
+    #[test]
+    fn what_quickens_the_search_changes_no_bit_of_a_cost(world in world(), a in 0usize..360, b in 0usize..360, reversed: bool) {
+        let geometry = world.elevation.geometry();
+        let (start, goal) = (geometry.cell(a), geometry.cell(b));
+        let mut ground = world.ground(goal);
+        if reversed {
+            ground = ground.reversed(geometry.centre(goal));
+        }
+        let in_order = cost_field(&Plain(&ground), start, &mut silent()).unwrap();
+        prop_assert_eq!(&cost_field(&ground, start, &mut silent()).unwrap(), &in_order);
+        match search(&ground, start, goal, &mut silent()) {
+            Search::Found { cost, cells } => {
+                prop_assert_eq!(cost, in_order[b]);
+                let step = |pair: &[Cell]| {
+                    let k = SIXTEEN.iter().position(|step| step.from(&geometry, pair[0]) == Some(pair[1]));
+                    ground.edge_cost(pair[0], k.unwrap())
+                };
+                prop_assert_eq!(cells.windows(2).map(step).fold(0.0, |sum, cost| sum + cost), cost);
+            }
+            _ => prop_assert!(in_order[b].is_infinite()),
+        }
+    }
+
+    #[test]
+    fn what_is_known_of_a_step_beforehand_holds(world in world(), reversed: bool) {
+        let mut ground = world.ground(Cell::new(0, 0));
+        let geometry = ground.geometry();
+        if reversed {
+            ground = ground.reversed(geometry.centre(Cell::new(0, 0)));
+        }
+        for cell in geometry.cells() {
+            let surroundings = ground.surroundings(cell);
+            for (k, step) in SIXTEEN.iter().enumerate() {
+                let Some(near) = step.from(&geometry, cell) else { continue };
+                let cost = ground.edge_cost(cell, k);
+                prop_assert_eq!(ground.edge_cost_seen(cell, k, surroundings), cost);
+                let least = ground.least_step(cell, near, k);
+                prop_assert!(least.is_nan() || least <= cost, "{least} {cost}");
+            }
+        }
+    }
+
+    #[test]
+    fn between_steady_grades_the_speed_is_the_soils(
+        grade in -1.0f64..1.0, braking in 0.2f64..1.0, sight in 1.0f64..60.0, power in 0.05f64..2.0, large: bool,
+    ) {
+        let vehicle = if large { tractor() } else { pioneer() };
+        let vehicle = Vehicle {
+            braking_friction: braking,
+            sight_distance_m: sight,
+            power_w: power * vehicle.power_w,
+            ..vehicle
+        };
+        for class in SoilClass::ALL {
+            let soil = Trafficability::of(&vehicle, class, 18.0);
+            let [low, high] = motion::steady_grades(&vehicle, &soil);
+            for grade in [grade, low, high, f64::midpoint(low, high)] {
+                if low <= grade && grade <= high {
+                    prop_assert_eq!(speed_mps(&vehicle, &soil, grade), Some(soil.speed_mps));
+                }
+            }
         }
     }
 

@@ -36,6 +36,7 @@ use way::Way;
 
 pub use costs::CellCost;
 pub(super) use costs::Range;
+pub(super) use queue::Buckets;
 pub(super) use settle::Ground;
 
 /// Greatest relative distance of a returned cost to the least one.

@@ -5,7 +5,7 @@
 //! first out and may be taken again (Meyer and Sanders, "Delta-stepping", J. Algorithms 49, 2003).
 
 /// Entries by bucket number; numbers only grow.
-pub(super) struct Buckets<E> {
+pub(in crate::planner) struct Buckets<E> {
     slots: Vec<Vec<E>>,
     waiting: usize,
     /// Entries beyond the circle, with their bucket.
@@ -16,7 +16,7 @@ pub(super) struct Buckets<E> {
 
 impl<E: Copy> Buckets<E> {
     /// A circle of a number of buckets, which is a power of two.
-    pub(super) fn new(buckets: usize) -> Self {
+    pub(in crate::planner) fn new(buckets: usize) -> Self {
         debug_assert!(buckets.is_power_of_two());
         Self {
             slots: std::iter::repeat_with(Vec::new).take(buckets).collect(),
@@ -28,18 +28,18 @@ impl<E: Copy> Buckets<E> {
     }
 
     /// The bucket whose turn it is.
-    pub(super) fn round(&self) -> u64 {
+    pub(in crate::planner) fn round(&self) -> u64 {
         self.round
     }
 
     /// How many buckets the circle has.
-    pub(super) fn circle(&self) -> u64 {
+    pub(in crate::planner) fn circle(&self) -> u64 {
         self.slots.len() as u64
     }
 
     /// Adds an entry; a bucket whose turn has passed counts as the present one.
     #[inline]
-    pub(super) fn push(&mut self, bucket: u64, entry: E) {
+    pub(in crate::planner) fn push(&mut self, bucket: u64, entry: E) {
         let bucket = bucket.max(self.round);
         if bucket - self.round >= self.circle() {
             self.nearest_far = self.nearest_far.min(bucket);
@@ -52,7 +52,7 @@ impl<E: Copy> Buckets<E> {
     }
 
     /// Swaps the entries of the present bucket into `taken`, whose own are dropped; false when there are none.
-    pub(super) fn take(&mut self, taken: &mut Vec<E>) -> bool {
+    pub(in crate::planner) fn take(&mut self, taken: &mut Vec<E>) -> bool {
         taken.clear();
         let slot = self.round as usize & (self.slots.len() - 1);
         std::mem::swap(&mut self.slots[slot], taken);
@@ -61,7 +61,7 @@ impl<E: Copy> Buckets<E> {
     }
 
     /// Goes on to the next bucket with entries; false when none are left. The present bucket must be empty.
-    pub(super) fn advance(&mut self) -> bool {
+    pub(in crate::planner) fn advance(&mut self) -> bool {
         if self.waiting == 0 {
             if self.far.is_empty() {
                 return false;

@@ -37,6 +37,9 @@ impl<Source: CellSource> Colony<Source> {
     /// [`SwarmError::Grid`] when a cell lies outside the map, or the source has another shape now; nothing is changed then.
     pub fn update(&mut self, changed: &[Cell]) -> Result<Changes, SwarmError> {
         self.check_changes(changed)?;
+        // What rises may make cores of cells around it, which look at their own vicinity.
+        self.source
+            .prefetch(&mut changed.iter().copied(), 2 * self.vicinity_reach)?;
         self.build_sets();
         let mut changes = Changes::default();
         let seen_before = self.tally.cells_evaluated;

@@ -7,11 +7,14 @@ use super::{Colony, GROUND, flag};
 
 impl<Source: CellSource> Colony<Source> {
     /// Ticks in which the agents visit these cells, as many a tick as there are agents. Cells outside the swathe are left
-    /// out, and so is what the budget does not allow ([`Self::spent`]).
+    /// out, and so is what the budget does not allow; none moves when ground that is needed cannot be read ([`Self::spent`]).
     pub fn send(&mut self, cells: &[Cell]) {
         let ground = |cell: &Cell| self.flags[self.geometry.index(*cell)] & GROUND == flag::INSIDE;
         let cells = cells.iter().filter(|cell| ground(cell));
         let cells: Vec<u32> = cells.map(|&cell| self.geometry.index(cell) as u32).collect();
+        if !self.prefetch(&mut cells.iter().map(|&cell| cell as usize)) {
+            return;
+        }
         for sent in cells.chunks(self.agents.len().max(1)) {
             if self.spent().is_some() {
                 break;

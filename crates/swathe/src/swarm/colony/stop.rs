@@ -1,7 +1,7 @@
 //! When a colony stops: its rule, its budget, and which of them ended it.
 
 use crate::grid::Cell;
-use crate::rank::CellSource;
+use crate::rank::{CellSource, SourceFault};
 use crate::swarm::{Budget, StopRule, SwarmError};
 
 use super::{Colony, Ending};
@@ -24,8 +24,13 @@ impl<Source: CellSource> Colony<Source> {
         Ok(())
     }
 
-    /// Which budget is spent.
+    /// Which budget is spent, or why there is nothing to go on with: ground that was needed last could not be read.
     pub fn spent(&self) -> Option<Ending> {
+        match self.fault {
+            None => {}
+            Some(SourceFault::Stopped) => return Some(Ending::Stopped),
+            Some(fault) => return Some(Ending::Unread(fault)),
+        }
         if self
             .budget
             .evaluations

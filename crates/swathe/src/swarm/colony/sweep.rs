@@ -5,6 +5,7 @@
 //! ends within a tile, tick by tick, ends as if each had been made by itself. Nests are not joined here: their sets follow
 //! from the flags when somebody asks.
 
+use crate::grid::Cell;
 use crate::nest::{Contact, UnionFind, Vicinity, pack_at_least};
 use crate::progress::Report;
 use crate::rank::{CellRank, CellSource};
@@ -57,6 +58,9 @@ impl<Source: CellSource> Colony<Source> {
                 break Ending::Stopped;
             }
             let tile = itinerary.tile(visit);
+            if !self.prefetch_tile(&tile) {
+                break self.spent().unwrap_or(Ending::Stopped);
+            }
             let whole = visit == tile.visits.start && tile.visits.end <= end && !stopped;
             if whole && self.sweep(&tile) {
                 swept = true;
@@ -69,6 +73,14 @@ impl<Source: CellSource> Colony<Source> {
             self.place_agents(itinerary, start, visit);
         }
         ending
+    }
+
+    /// Has the source read what the visits of a tile need. Returns whether it is there.
+    fn prefetch_tile(&mut self, tile: &Tile) -> bool {
+        let (geometry, columns) = (self.geometry, tile.column..tile.column + tile.columns);
+        let rows = tile.row..tile.row + tile.rows;
+        let mut cells = rows.flat_map(|row| columns.clone().map(move |column| Cell::new(row, column)));
+        self.prefetch(&mut cells.by_ref().map(|cell| geometry.index(cell)))
     }
 
     /// Makes visits one by one until the tick or the tile is over, and returns the number of the next.

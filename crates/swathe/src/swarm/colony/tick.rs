@@ -63,9 +63,13 @@ fn places(word: u64) -> impl Iterator<Item = usize> + Clone {
 }
 
 impl<Source: CellSource> Colony<Source> {
-    /// Spends at most `ticks` ticks, less when the swarm is over; at least one of one that is not.
+    /// Spends at most `ticks` ticks, less when the swarm is over; at least one of one that is not, unless ground that is
+    /// needed cannot be read ([`Self::spent`]).
     pub(super) fn spend(&mut self, ticks: u64) {
         let ahead = self.ahead(ticks);
+        if !self.prefetch(&mut ahead.cells.iter().map(|&cell| cell as usize)) {
+            return;
+        }
         let mut spent = 0;
         while spent < ahead.ticks && self.over().is_none() {
             let since_start = self.tally.ticks - self.epoch_start;
@@ -98,6 +102,14 @@ impl<Source: CellSource> Colony<Source> {
 
     fn counts_quiet(&self) -> bool {
         matches!(self.rule, StopRule::Statistical { .. })
+    }
+
+    /// Has the source read what ticks need that visit these cells: the cells, and the vicinities of those that become foci.
+    /// Returns whether it is there.
+    pub(super) fn prefetch(&mut self, visits: &mut dyn Iterator<Item = usize>) -> bool {
+        let mut cells = visits.map(|index| self.geometry.cell(index));
+        self.fault = self.source.prefetch(&mut cells, self.vicinity_reach).err();
+        self.fault.is_none()
     }
 
     /// Works out where agents go, as far ahead as nothing that they find can turn them.

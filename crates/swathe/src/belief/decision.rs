@@ -1,0 +1,197 @@
+//! From probabilities to what a vehicle may count on: a soil code for ranking, and go or no-go.
+
+use rayon::prelude::*;
+
+use super::{BeliefError, CLASS_COUNT, CLASSES, Changed, SoilBelief};
+use crate::grid::{Cell, Layer};
+use crate::soil::{SoilClass, SoilTable, check_moisture};
+use crate::vehicle::Vehicle;
+
+/// What the ground has to carry, and how strong soil is today.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Going {
+    needed_kpa: f64,
+    moisture_percent: f64,
+    table: SoilTable,
+    /// Strength of each class by its table; infinite on rock, 0 where there is no ground.
+    strengths_kpa: [f64; CLASS_COUNT],
+}
+
+/// What is decided for one cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// The class that ranking should take.
+    ///
+    /// Where the ground carries the vehicle, the best class that is no better than `goodness` and carries it by the table;
+    /// where it does not, the likeliest one that fails, or no ground when only a measurement speaks against it. Ranks
+    /// made from these codes at the same moisture have the gate in them.
+    pub code: SoilClass,
+    /// Greatest goodness that the soil reaches with the confidence asked for; 3 for unknown soil.
+    pub goodness: u8,
+    /// Probability that the ground does not carry the vehicle; rock always does, no ground never.
+    pub no_go_probability: f64,
+    /// Whether that is no more than what is tolerated.
+    pub go: bool,
+}
+
+/// What is decided for every cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decisions {
+    /// Soil codes, to be ranked like a soil layer.
+    pub codes: Layer<u8>,
+    /// Whether the ground is too likely not to carry the vehicle.
+    pub no_go: Layer<bool>,
+}
+
+impl Going {
+    /// What a vehicle needs for one pass, on soil of a moisture in per cent of the dry weight.
+    ///
+    /// # Errors
+    /// [`BeliefError::Soil`] for a moisture outside 1 to 200 %.
+    pub fn new(vehicle: &Vehicle, moisture_percent: f64, table: SoilTable) -> Result<Self, BeliefError> {
+        Self::with_cone_index(vehicle.cone_index().one_pass_kpa, moisture_percent, table)
+    }
+
+    /// The same for a vehicle cone index in kPa.
+    ///
+    /// # Errors
+    /// [`BeliefError`] for a moisture outside 1 to 200 %, or a cone index that is not finite and above 0.
+    pub fn with_cone_index(needed_kpa: f64, moisture_percent: f64, table: SoilTable) -> Result<Self, BeliefError> {
+        check_moisture(moisture_percent)?;
+        if !(needed_kpa.is_finite() && needed_kpa > 0.0) {
+            return Err(BeliefError::Parameter {
+                name: "vehicle cone index in kPa",
+                given: needed_kpa,
+                allowed: "it must be finite and above 0",
+            });
+        }
+        let strengths_kpa = CLASSES.map(|class| match class {
+            SoilClass::None => 0.0,
+            class => class.rating_cone_index_kpa(moisture_percent).unwrap_or(f64::INFINITY),
+        });
+        Ok(Self {
+            needed_kpa,
+            moisture_percent,
+            table,
+            strengths_kpa,
+        })
+    }
+
+    /// The vehicle cone index in kPa.
+    pub fn needed_kpa(&self) -> f64 {
+        self.needed_kpa
+    }
+
+    /// The moisture in per cent of the dry weight.
+    pub fn moisture_percent(&self) -> f64 {
+        self.moisture_percent
+    }
+
+    fn carries_by_table(&self, class: usize) -> bool {
+        self.strengths_kpa[class] >= self.needed_kpa
+    }
+}
+
+impl SoilBelief {
+    /// What a vehicle may count on at a cell.
+    pub fn decide(&self, cell: Cell, going: &Going) -> Decision {
+        if self.is_unknown(cell) {
+            return Decision {
+                code: SoilClass::Unknown,
+                goodness: SoilClass::Unknown.goodness(going.table),
+                no_go_probability: 0.0,
+                go: true,
+            };
+        }
+        let chances = self.class_probabilities(cell);
+        let fails: [bool; CLASS_COUNT] = std::array::from_fn(|k| match CLASSES[k] {
+            SoilClass::Rock => false,
+            SoilClass::None => true,
+            _ => self.strength_kpa(cell, k, going.strengths_kpa[k]) < going.needed_kpa,
+        });
+        let no_go_probability: f64 = (0..CLASS_COUNT).filter(|&k| fails[k]).map(|k| chances[k]).sum();
+        let no_go_probability = no_go_probability.clamp(0.0, 1.0);
+        let go = no_go_probability <= self.params().no_go_tolerance;
+        let better = |least: u8| -> f64 {
+            let at_least = (0..CLASS_COUNT).filter(|&k| CLASSES[k].goodness(going.table) >= least);
+            at_least.map(|k| chances[k]).sum()
+        };
+        // Rounding must not take a certain class its goodness.
+        let confidence = self.params().goodness_confidence - 1e-12;
+        let goodness = (2..=5).rev().find(|&least| better(least) >= confidence).unwrap_or(1);
+        let code = if go {
+            let fits = |k: &usize| going.carries_by_table(*k) && CLASSES[*k].goodness(going.table) <= goodness;
+            let goodness_of = |k: &usize| (CLASSES[*k].goodness(going.table), chances[*k]);
+            let best = (0..CLASS_COUNT).filter(fits).max_by(|a, b| {
+                goodness_of(a)
+                    .partial_cmp(&goodness_of(b))
+                    .unwrap_or(std::cmp::Ordering::Equal)
+            });
+            best.map_or(SoilClass::Rock, |k| CLASSES[k])
+        } else {
+            let likeliest = (0..CLASS_COUNT)
+                .filter(|&k| fails[k])
+                .max_by(|&a, &b| chances[a].total_cmp(&chances[b]));
+            likeliest
+                .filter(|&k| !going.carries_by_table(k))
+                .map_or(SoilClass::None, |k| CLASSES[k])
+        };
+        Decision {
+            code,
+            goodness,
+            no_go_probability,
+            go,
+        }
+    }
+
+    /// What a vehicle may count on at every cell, rows in parallel.
+    pub fn decide_all(&self, going: &Going) -> Decisions {
+        let geometry = self.geometry();
+        let mut codes = Layer::filled(geometry, 0_u8);
+        let mut no_go = Layer::filled(geometry, false);
+        let columns = geometry.columns();
+        let rows = codes.data_mut().par_chunks_mut(columns);
+        let rows = rows.zip(no_go.data_mut().par_chunks_mut(columns)).enumerate();
+        rows.for_each(|(row, (codes, no_go))| {
+            for (column, (code, closed)) in codes.iter_mut().zip(no_go).enumerate() {
+                let decision = self.decide(Cell::new(row, column), going);
+                (*code, *closed) = (decision.code as u8, !decision.go);
+            }
+        });
+        Decisions { codes, no_go }
+    }
+
+    /// Brings decisions up to date after a change; gives the cells whose soil code differs now, with the new code.
+    ///
+    /// Decisions on another grid are made anew from nothing.
+    pub fn redecide(&self, decisions: &mut Decisions, changed: &Changed, going: &Going) -> Vec<(Cell, u8)> {
+        let geometry = self.geometry();
+        if decisions.codes.geometry() != geometry || decisions.no_go.geometry() != geometry {
+            *decisions = self.decide_all(going);
+            let cells = decisions.codes.data().iter().enumerate();
+            return cells.map(|(index, &code)| (geometry.cell(index), code)).collect();
+        }
+        let differs = |&index: &u32| {
+            let cell = geometry.cell(index as usize);
+            let found = self.decide(cell, going);
+            let same = decisions.codes[cell] == found.code as u8 && decisions.no_go[cell] != found.go;
+            (!same).then_some((cell, found))
+        };
+        let inside: Vec<(Cell, Decision)> = changed
+            .cells
+            .par_iter()
+            .filter(|&&index| (index as usize) < geometry.cell_count())
+            .filter_map(differs)
+            .collect();
+        let mut other = Vec::with_capacity(inside.len());
+        for (cell, found) in inside {
+            let code = found.code as u8;
+            if decisions.codes[cell] != code {
+                other.push((cell, code));
+            }
+            decisions.codes[cell] = code;
+            decisions.no_go[cell] = !found.go;
+        }
+        other
+    }
+}

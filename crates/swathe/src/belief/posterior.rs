@@ -1,0 +1,464 @@
+//! The belief itself: units, readings, and the probabilities of soil classes.
+
+use std::sync::Arc;
+
+use super::{
+    BeliefError, BeliefParams, CLASS_COUNT, CLASSES, Match, PerClass, Rule, class_index, match_class, match_profile,
+};
+use crate::grid::{Cell, GridGeometry, Layer, Position};
+use crate::sensor::PenetrometerReading;
+use crate::soil::{SoilClass, SoilTable};
+
+/// Nearness below which a reading has no direct say any more: 9.2 lengths away.
+const LEAST_NEARNESS: f64 = 1e-4;
+
+/// What the map says of a unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Prior {
+    /// It is of a class, or unknown.
+    Class(SoilClass),
+    /// It is a mixture, for instance of components with their shares, in the order of [`CLASSES`].
+    Mixture(PerClass),
+}
+
+/// One polygon of the soil map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unit {
+    /// Its number in the layer of units, above 0.
+    pub id: u32,
+    /// Number of its map symbol; polygons of one symbol learn from each other. 0 for no symbol.
+    pub symbol: u32,
+    /// What the map says.
+    pub prior: Prior,
+}
+
+/// What was learnt at a place.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Observation {
+    /// A push of the penetrometer.
+    Reading(PenetrometerReading),
+    /// Somebody's word on the class of the soil.
+    Class {
+        /// Where.
+        at: Position,
+        /// What was seen.
+        class: SoilClass,
+    },
+}
+
+/// Number of a reading within its belief.
+pub type ReadingId = u64;
+
+/// Where a belief has changed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Changed {
+    /// The reading that was added or withdrawn.
+    pub reading: ReadingId,
+    /// Numbers of the units whose belief may differ now, rising; 0 stands for ground without a polygon.
+    pub units: Vec<u32>,
+    /// Indices of the cells that may differ, rising.
+    pub cells: Vec<u32>,
+}
+
+/// A reading in its place.
+#[derive(Clone, Debug)]
+struct Placed {
+    id: ReadingId,
+    unit: usize,
+    at: Position,
+    matched: Match,
+}
+
+/// A reading as its own unit sees it.
+#[derive(Clone, Debug)]
+struct Evidence {
+    at: Position,
+    matched: Match,
+    /// What it adds to the unit's mixture, less where readings crowd.
+    increment: PerClass,
+    /// Logarithm of the measured strength in kPa before remoulding.
+    strength_ln: Option<f64>,
+}
+
+/// What is known of a unit.
+#[derive(Clone, Debug)]
+struct UnitBelief {
+    symbol: u32,
+    mapped_unknown: bool,
+    prior: PerClass,
+    /// Map weight times prior, and what other polygons of the symbol add.
+    base: PerClass,
+    evidence: Vec<Evidence>,
+    informed: bool,
+}
+
+/// What the map's polygons are, shared by copies of a belief.
+#[derive(Debug)]
+struct Ground {
+    /// Place of each cell's unit in `ids`.
+    units: Layer<u32>,
+    ids: Vec<u32>,
+    cells: Vec<Vec<u32>>,
+}
+
+/// What is believed of the soil.
+#[derive(Clone, Debug)]
+pub struct SoilBelief {
+    ground: Arc<Ground>,
+    params: Arc<BeliefParams>,
+    units: Vec<UnitBelief>,
+    readings: Vec<Placed>,
+    next_id: ReadingId,
+}
+
+impl SoilBelief {
+    /// A belief that knows the map only. `layer` holds the number of each cell's unit, 0 for none.
+    ///
+    /// # Errors
+    /// [`BeliefError`] when a parameter or a mixture is outside its range, a unit is 0, given twice, or missing.
+    pub fn new(layer: &Layer<u32>, units: &[Unit], params: BeliefParams) -> Result<Self, BeliefError> {
+        params.validate()?;
+        let mut sorted = units.to_vec();
+        sorted.sort_by_key(|unit| unit.id);
+        if let Some(first) = sorted.first().filter(|unit| unit.id == 0) {
+            let problem = "is not allowed: 0 means no polygon";
+            return Err(BeliefError::Unit {
+                unit: first.id,
+                problem,
+            });
+        }
+        if let Some(pair) = sorted.windows(2).find(|pair| pair[0].id == pair[1].id) {
+            let problem = "is given twice";
+            return Err(BeliefError::Unit {
+                unit: pair[0].id,
+                problem,
+            });
+        }
+        let nothing = Unit {
+            id: 0,
+            symbol: 0,
+            prior: Prior::Class(SoilClass::Unknown),
+        };
+        sorted.insert(0, nothing);
+        let ids: Vec<u32> = sorted.iter().map(|unit| unit.id).collect();
+        let mut cells = vec![Vec::new(); ids.len()];
+        let mut places = Vec::with_capacity(layer.data().len());
+        for (index, unit) in layer.data().iter().enumerate() {
+            let Ok(place) = ids.binary_search(unit) else {
+                let problem = "is in the layer and not among the units";
+                return Err(BeliefError::Unit { unit: *unit, problem });
+            };
+            cells[place].push(index as u32);
+            places.push(place as u32);
+        }
+        let mut beliefs = Vec::with_capacity(sorted.len());
+        for unit in &sorted {
+            let prior = prior_of(unit, &params)?;
+            beliefs.push(UnitBelief {
+                symbol: unit.symbol,
+                mapped_unknown: unit.prior == Prior::Class(SoilClass::Unknown),
+                prior,
+                base: prior.map(|share| params.map_weight * share),
+                evidence: Vec::new(),
+                informed: false,
+            });
+        }
+        let ground = Ground {
+            units: Layer::new(layer.geometry(), places, "the layer of map units")?,
+            ids,
+            cells,
+        };
+        Ok(Self {
+            ground: Arc::new(ground),
+            params: Arc::new(params),
+            units: beliefs,
+            readings: Vec::new(),
+            next_id: 0,
+        })
+    }
+
+    /// The geometry of the cells.
+    pub fn geometry(&self) -> GridGeometry {
+        self.ground.units.geometry()
+    }
+
+    /// The parameters.
+    pub fn params(&self) -> &BeliefParams {
+        &self.params
+    }
+
+    /// Number of readings that count.
+    pub fn reading_count(&self) -> usize {
+        self.readings.len()
+    }
+
+    /// Takes a reading into account; what has changed carries its number.
+    ///
+    /// # Errors
+    /// [`BeliefError`] when the reading is not physical, says nothing, or lies outside the map.
+    pub fn add(&mut self, observation: &Observation) -> Result<Changed, BeliefError> {
+        let (at, matched) = match observation {
+            Observation::Reading(reading) => (
+                Position::new(reading.x_m, reading.y_m),
+                match_profile(reading, &self.params)?,
+            ),
+            Observation::Class { at, class } => (*at, match_class(*class, &self.params)?),
+        };
+        let Some(cell) = self.geometry().cell_at(at) else {
+            let Position { x_m, y_m } = at;
+            return Err(BeliefError::OutsideMap { x_m, y_m });
+        };
+        let unit = self.ground.units[cell] as usize;
+        let id = self.next_id;
+        self.next_id += 1;
+        self.readings.push(Placed { id, unit, at, matched });
+        // Sums are taken in an order that belongs to the readings and not to their coming.
+        self.readings.sort_by(canonical);
+        Ok(self.refresh(unit, id))
+    }
+
+    /// Forgets a reading.
+    ///
+    /// # Errors
+    /// [`BeliefError::NoReading`] when there is none of this number.
+    pub fn withdraw(&mut self, id: ReadingId) -> Result<Changed, BeliefError> {
+        let place = self.readings.iter().position(|reading| reading.id == id);
+        let place = place.ok_or(BeliefError::NoReading { id })?;
+        let unit = self.readings.remove(place).unit;
+        Ok(self.refresh(unit, id))
+    }
+
+    /// Probability of each of [`CLASSES`] at a cell; they sum to 1.
+    pub fn class_probabilities(&self, cell: Cell) -> PerClass {
+        let unit = &self.units[self.ground.units[cell] as usize];
+        match self.params.rule {
+            Rule::Bayes => self.posterior(unit, self.geometry().centre(cell)),
+            Rule::PaperRelabel { radius_m } => {
+                relabelled(unit, self.geometry().centre(cell), radius_m).map_or(unit.prior, certain)
+            }
+        }
+    }
+
+    /// Whether the map and every reading are silent about a cell.
+    pub(super) fn is_unknown(&self, cell: Cell) -> bool {
+        let place = self.ground.units[cell] as usize;
+        let unit = &self.units[place];
+        if !unit.mapped_unknown {
+            return false;
+        }
+        let at = self.geometry().centre(cell);
+        match self.params.rule {
+            Rule::PaperRelabel { radius_m } => relabelled(unit, at, radius_m).is_none(),
+            Rule::Bayes if place == 0 => unit.evidence.iter().all(|known| self.nearness(known.at, at) == 0.0),
+            Rule::Bayes => !unit.informed,
+        }
+    }
+
+    /// Strength in kPa of a class at a cell, from its table's value and from what was measured near it and in its unit.
+    ///
+    /// The logarithms are averaged with the inverse of their variances as weights. Rock and no ground have none.
+    pub(super) fn strength_kpa(&self, cell: Cell, class: usize, table_kpa: f64) -> f64 {
+        let place = self.ground.units[cell] as usize;
+        let at = self.geometry().centre(cell);
+        let remoulding_ln = self.params.types.0[class].remoulding_index.ln();
+        let noise = self.params.reading_spread_ln.powi(2);
+        let (mut weights, mut sum) = (0.0, 0.0);
+        let table_weight = self.params.table_spread_ln.powi(-2);
+        for known in &self.units[place].evidence {
+            let Some(strength_ln) = known.strength_ln else { continue };
+            let near = self.nearness(known.at, at);
+            let far = if place == 0 {
+                0.0
+            } else {
+                self.params.far_strength_weight
+            };
+            let weight = (near + (1.0 - near) * far * known.increment[class]) / noise;
+            weights += weight;
+            sum += weight * (strength_ln + remoulding_ln);
+        }
+        if weights == 0.0 {
+            return table_kpa;
+        }
+        ((table_weight * table_kpa.ln() + sum) / (table_weight + weights)).exp()
+    }
+
+    /// 1 at a reading, falling with distance, 0 where it has no say.
+    fn nearness(&self, from: Position, to: Position) -> f64 {
+        let near = (-from.distance_m(to) / self.params.length_m).exp();
+        if near < LEAST_NEARNESS { 0.0 } else { near }
+    }
+
+    fn posterior(&self, unit: &UnitBelief, at: Position) -> PerClass {
+        if unit.evidence.is_empty() {
+            return normalised(unit.base).unwrap_or(unit.prior);
+        }
+        let near: Vec<f64> = unit.evidence.iter().map(|known| self.nearness(known.at, at)).collect();
+        let mut mixture = unit.base;
+        for (known, near) in unit.evidence.iter().zip(&near) {
+            for (weight, increment) in mixture.iter_mut().zip(&known.increment) {
+                *weight += (1.0 - near) * increment;
+            }
+        }
+        let mixture = normalised(mixture).unwrap_or(unit.prior);
+        let mut found = mixture;
+        for (known, &near) in unit.evidence.iter().zip(&near) {
+            if near == 0.0 {
+                continue; // Its factor is the same for every class.
+            }
+            let likelihood = &known.matched.likelihood;
+            let expected: f64 = mixture.iter().zip(likelihood).map(|(share, value)| share * value).sum();
+            let product: PerClass =
+                std::array::from_fn(|k| found[k] * (near * likelihood[k] + (1.0 - near) * expected));
+            // Readings that contradict the map entirely count without it; those that contradict each other are left out.
+            found = normalised(product)
+                .or_else(|| (expected == 0.0).then(|| normalised(*likelihood)).flatten())
+                .unwrap_or(found);
+        }
+        found
+    }
+
+    /// Works out anew the units that a reading in one of them touches.
+    fn refresh(&mut self, unit: usize, reading: ReadingId) -> Changed {
+        let symbol = self.units[unit].symbol;
+        let learns = self.params.same_symbol_share > 0.0 && self.params.rule == Rule::Bayes;
+        let touched: Vec<usize> = (0..self.units.len())
+            .filter(|&other| other == unit || (learns && symbol != 0 && self.units[other].symbol == symbol))
+            .collect();
+        self.units[unit].evidence = self.evidence_of(unit);
+        for &place in &touched {
+            let mut base = self.units[place].prior.map(|share| self.params.map_weight * share);
+            let mut informed = !self.units[place].evidence.is_empty();
+            for &other in touched.iter().filter(|&&other| other != place) {
+                for known in &self.units[other].evidence {
+                    informed = true;
+                    for (weight, increment) in base.iter_mut().zip(&known.increment) {
+                        *weight += self.params.same_symbol_share * increment;
+                    }
+                }
+            }
+            (self.units[place].base, self.units[place].informed) = (base, informed);
+        }
+        let mut cells: Vec<u32> = touched
+            .iter()
+            .flat_map(|&place| &self.ground.cells[place])
+            .copied()
+            .collect();
+        cells.sort_unstable();
+        let units = touched.iter().map(|&place| self.ground.ids[place]).collect();
+        Changed { reading, units, cells }
+    }
+
+    fn evidence_of(&self, unit: usize) -> Vec<Evidence> {
+        let own: Vec<&Placed> = self.readings.iter().filter(|reading| reading.unit == unit).collect();
+        let prior = self.units[unit].prior;
+        let found = own.iter().map(|reading| {
+            let likelihood = reading.matched.likelihood;
+            let crowd: f64 = own
+                .iter()
+                .map(|other| (-reading.at.distance_m(other.at) / self.params.length_m).exp())
+                .sum();
+            let weighed = normalised(std::array::from_fn(|k| prior[k] * likelihood[k]));
+            let share = weighed.or_else(|| normalised(likelihood)).unwrap_or(prior);
+            // Ground without a polygon has nothing in common: a reading there speaks for its own place.
+            let weight = if unit == 0 { 0.0 } else { 1.0 / crowd };
+            Evidence {
+                at: reading.at,
+                matched: reading.matched,
+                increment: share.map(|share| weight * share),
+                strength_ln: reading.matched.cone_index_kpa.map(f64::ln),
+            }
+        });
+        found.collect()
+    }
+
+    /// Numbers of the places of all readings that count, in an order of their own.
+    pub fn readings(&self) -> impl Iterator<Item = (ReadingId, Position, &Match)> {
+        self.readings
+            .iter()
+            .map(|reading| (reading.id, reading.at, &reading.matched))
+    }
+}
+
+/// The class by the paper's rule, if a reading reaches so far.
+fn relabelled(unit: &UnitBelief, at: Position, radius_m: Option<f64>) -> Option<usize> {
+    let Some(radius_m) = radius_m else {
+        let mut counts = [0_usize; CLASS_COUNT];
+        for known in &unit.evidence {
+            counts[class_index(known.matched.observed)?] += 1;
+        }
+        let worse = |k: usize| u8::MAX - CLASSES[k].goodness(SoilTable::Text);
+        let none_last = |k: usize| CLASSES[k] == SoilClass::None;
+        return (0..CLASS_COUNT)
+            .filter(|&k| counts[k] > 0)
+            .max_by_key(|&k| (counts[k], none_last(k), worse(k)));
+    };
+    let distances = unit.evidence.iter().map(|known| (known.at.distance_m(at), known));
+    let reached = distances.filter(|(distance, _)| *distance <= radius_m);
+    let nearest = reached.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    class_index(nearest.1.matched.observed)
+}
+
+/// An order of readings that does not know when they came.
+fn canonical(one: &Placed, other: &Placed) -> std::cmp::Ordering {
+    let places = one.at.x_m.total_cmp(&other.at.x_m);
+    let places = places.then(one.at.y_m.total_cmp(&other.at.y_m));
+    let pairs = one.matched.likelihood.iter().zip(&other.matched.likelihood);
+    let likelihoods = pairs.fold(places, |order, (a, b)| order.then(a.total_cmp(b)));
+    let strength = |reading: &Placed| reading.matched.cone_index_kpa.unwrap_or(-1.0);
+    likelihoods.then(strength(one).total_cmp(&strength(other)))
+}
+
+/// Shares that sum to 1, or nothing when there is nothing to share.
+fn normalised(weights: PerClass) -> Option<PerClass> {
+    let sum: f64 = weights.iter().sum();
+    (sum > 0.0 && sum.is_finite()).then(|| weights.map(|weight| weight / sum))
+}
+
+fn certain(class: usize) -> PerClass {
+    std::array::from_fn(|k| f64::from(u8::from(k == class)))
+}
+
+/// The shares that the map gives a unit.
+fn prior_of(unit: &Unit, params: &BeliefParams) -> Result<PerClass, BeliefError> {
+    match unit.prior {
+        Prior::Mixture(shares) => {
+            let sum: f64 = shares.iter().sum();
+            if shares.iter().all(|&share| share >= 0.0) && (sum - 1.0).abs() <= 1e-6 {
+                Ok(shares.map(|share| share / sum))
+            } else {
+                Err(BeliefError::Mixture { unit: unit.id })
+            }
+        }
+        Prior::Class(class) => {
+            let Some(mapped) = class_index(class) else {
+                // Not mapped: any of the five kinds of ground.
+                return Ok([0.2, 0.2, 0.2, 0.2, 0.2, 0.0]);
+            };
+            let row = &params.confusion[mapped];
+            let others: f64 = (0..CLASS_COUNT).filter(|&k| k != mapped).map(|k| row[k]).sum();
+            if others <= 0.0 {
+                return Ok(certain_but(mapped, params.purity));
+            }
+            let rest = 1.0 - params.purity;
+            Ok(std::array::from_fn(|k| {
+                if k == mapped {
+                    params.purity
+                } else {
+                    rest * row[k] / others
+                }
+            }))
+        }
+    }
+}
+
+/// A share for the mapped class, the rest evenly among the other kinds of ground.
+fn certain_but(mapped: usize, purity: f64) -> PerClass {
+    let others = (0..CLASS_COUNT)
+        .filter(|&k| k != mapped && CLASSES[k] != SoilClass::None)
+        .count();
+    std::array::from_fn(|k| match k {
+        k if k == mapped => purity,
+        k if CLASSES[k] == SoilClass::None => 0.0,
+        _ => (1.0 - purity) / others as f64,
+    })
+}

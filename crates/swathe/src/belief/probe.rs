@@ -1,0 +1,150 @@
+//! Where a reading pays: the expected saving of route cost, and when to stop and probe.
+
+use super::{BeliefError, CLASS_COUNT, CLASSES, Decisions, Going, Observation, PerClass, SoilBelief};
+use crate::grid::Cell;
+
+/// When a robot stops to take a reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ProbePolicy {
+    /// It never does.
+    Never,
+    /// After every so many metres.
+    EveryMetres(f64),
+    /// Where a reading is expected to save more than it costs, in the unit of route costs.
+    WhereItMatters {
+        /// What taking a reading costs.
+        probe_cost: f64,
+    },
+}
+
+/// Costs of routes over changed soil, in one unit; infinite where there is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoutePrices {
+    /// The route that would be driven without the reading.
+    pub kept: f64,
+    /// The best route when the outcome is known.
+    pub best: f64,
+}
+
+/// What a reading at a cell is worth before it is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeValue {
+    /// Expected saving of route cost, at least 0.
+    pub expected_saving: f64,
+    /// Chance of each observation, in the order of [`CLASSES`].
+    pub chances: PerClass,
+    /// Saving after each observation.
+    pub savings: PerClass,
+}
+
+/// Expected saving of route cost by a reading at a cell.
+///
+/// For each class that may be observed, the belief that would follow is worked out and the caller prices the present route
+/// and the best one on the cells whose code would change, given with their new codes. `decisions` are those of the
+/// belief as it is. A present route that turns out closed costs `dead_end_cost`, the price of finding that out on the
+/// way and driving on from there; so does a world without any route. Prices that are not numbers count as that, too.
+///
+/// # Errors
+/// [`BeliefError::Parameter`] when `dead_end_cost` is not finite or below 0.
+pub fn probe_value(
+    belief: &SoilBelief,
+    decisions: &Decisions,
+    cell: Cell,
+    going: &Going,
+    dead_end_cost: f64,
+    mut price: impl FnMut(&[(Cell, u8)]) -> RoutePrices,
+) -> Result<ProbeValue, BeliefError> {
+    if !(dead_end_cost.is_finite() && dead_end_cost >= 0.0) {
+        return Err(BeliefError::Parameter {
+            name: "cost of a dead end",
+            given: dead_end_cost,
+            allowed: "it must be finite and at least 0",
+        });
+    }
+    let known = belief.class_probabilities(cell);
+    let confusion = &belief.params().confusion;
+    let chances: PerClass =
+        std::array::from_fn(|observed| (0..CLASS_COUNT).map(|k| known[k] * confusion[k][observed]).sum());
+    let at = belief.geometry().centre(cell);
+    let mut savings = [0.0; CLASS_COUNT];
+    for (observed, &class) in CLASSES.iter().enumerate() {
+        if chances[observed] <= 0.0 {
+            continue;
+        }
+        let mut after = belief.clone();
+        let changed = after.add(&Observation::Class { at, class })?;
+        let mut outlook = decisions.clone();
+        let cells = after.redecide(&mut outlook, &changed, going);
+        if cells.is_empty() {
+            continue;
+        }
+        let RoutePrices { kept, best } = price(&cells);
+        let finite = |cost: f64| if cost.is_finite() { cost } else { dead_end_cost };
+        savings[observed] = (finite(kept) - finite(best)).max(0.0);
+    }
+    Ok(ProbeValue {
+        expected_saving: chances
+            .iter()
+            .zip(&savings)
+            .map(|(chance, saving)| chance * saving)
+            .sum(),
+        chances,
+        savings,
+    })
+}
+
+/// Where to take the next reading, if at all: `here`, or for [`ProbePolicy::WhereItMatters`] the first of the candidates
+/// with the greatest value, as long as that exceeds the cost of a reading.
+///
+/// `since_last_m` is how far the robot has driven since its last reading. `value` is asked only where it matters.
+pub fn next_probe(
+    policy: ProbePolicy,
+    here: Cell,
+    since_last_m: f64,
+    candidates: &[Cell],
+    mut value: impl FnMut(Cell) -> f64,
+) -> Option<Cell> {
+    match policy {
+        ProbePolicy::Never => None,
+        ProbePolicy::EveryMetres(metres) => (since_last_m >= metres).then_some(here),
+        ProbePolicy::WhereItMatters { probe_cost } => {
+            let mut best: Option<(Cell, f64)> = None;
+            for &cell in candidates {
+                let value = value(cell);
+                if value > best.map_or(probe_cost, |(_, most)| most) {
+                    best = Some((cell, value));
+                }
+            }
+            best.map(|(cell, _)| cell)
+        }
+    }
+}
+
+impl ProbePolicy {
+    /// Checks its figure.
+    ///
+    /// # Errors
+    /// [`BeliefError::Parameter`] for a distance that is not above 0 or a cost below 0.
+    pub fn validate(self) -> Result<Self, BeliefError> {
+        let (name, given, holds, allowed) = match self {
+            Self::Never => return Ok(self),
+            Self::EveryMetres(metres) => (
+                "distance between readings",
+                metres,
+                metres > 0.0,
+                "it must be above 0 m",
+            ),
+            Self::WhereItMatters { probe_cost } => (
+                "cost of a reading",
+                probe_cost,
+                probe_cost >= 0.0,
+                "it must be at least 0",
+            ),
+        };
+        if holds && given.is_finite() {
+            Ok(self)
+        } else {
+            Err(BeliefError::Parameter { name, given, allowed })
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! A robot: a body with its sensors, and what reaches its computer and when.
+
+use std::collections::VecDeque;
+
+use crate::grid::Position;
+use crate::sensor::{PenetrometerReading, Pose, Scan};
+use crate::vehicle::Vehicle;
+
+use super::{
+    Body, BodyState, Command, Laser, Localiser, LocaliserParams, Motion, Noise, Penetrometer, SimError, World, require,
+};
+
+/// How a robot senses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobotParams {
+    /// Its laser.
+    pub laser: Laser,
+    /// Cones of its sonar ring; none for none.
+    pub sonar: Vec<Laser>,
+    /// Its penetrometer.
+    pub penetrometer: Penetrometer,
+    /// Errors of its pose.
+    pub localiser: LocaliserParams,
+    /// Seconds from a scan to its arrival.
+    pub scan_delay_s: f64,
+    /// Share of scans that never arrive.
+    pub scan_dropout: f64,
+    /// Relative deviation of its slip.
+    pub slip_variation: f64,
+    /// Seed of everything that is drawn.
+    pub seed: u64,
+}
+
+impl Default for RobotParams {
+    /// A SICK LMS 200 in its 8 m mode, no sonar, exact poses, no delay or loss.
+    fn default() -> Self {
+        Self {
+            laser: Laser::sick_lms200(false, false),
+            sonar: Vec::new(),
+            penetrometer: Penetrometer::default(),
+            localiser: LocaliserParams::default(),
+            scan_delay_s: 0.0,
+            scan_dropout: 0.0,
+            slip_variation: 0.2,
+            seed: 0,
+        }
+    }
+}
+
+/// What reaches the robot's computer after a step, and the truth beside it.
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// The pose as the robot thinks it is.
+    pub pose: Pose,
+    /// The newest scan that arrived in this step and the time at which it was taken.
+    pub scan: Option<(f64, Scan)>,
+    /// The truth.
+    pub body: BodyState,
+}
+
+/// A robot in the world.
+#[derive(Clone, Debug)]
+pub struct Robot {
+    body: Body,
+    params: RobotParams,
+    noise: Noise,
+    localiser: Localiser,
+    /// Scans under way with the time at which they were taken.
+    under_way: VecDeque<(f64, Scan)>,
+    scans: u64,
+    shots: u64,
+    pushes: u64,
+}
+
+impl Robot {
+    /// A robot at rest.
+    ///
+    /// # Errors
+    /// [`SimError`] when the vehicle, the pose or a parameter is not usable.
+    pub fn new(
+        world: &World,
+        vehicle: Vehicle,
+        motion: Motion,
+        at: Pose,
+        params: RobotParams,
+    ) -> Result<Self, SimError> {
+        params.laser.validate()?;
+        params.sonar.iter().try_for_each(Laser::validate)?;
+        params.penetrometer.validate()?;
+        let delay = params.scan_delay_s;
+        require(
+            "delay of scans",
+            delay,
+            (0.0..=60.0).contains(&delay),
+            "0 to 60 s is allowed",
+        )?;
+        let share = params.scan_dropout;
+        require(
+            "share of lost scans",
+            share,
+            (0.0..=1.0).contains(&share),
+            "0 to 1 is allowed",
+        )?;
+        let noise = Noise::new(params.seed);
+        let body = Body::new(world, vehicle, motion, at, params.slip_variation, noise)?;
+        let localiser = Localiser::new(params.localiser, body.state(), noise)?;
+        Ok(Self {
+            body,
+            params,
+            noise,
+            localiser,
+            under_way: VecDeque::new(),
+            scans: 0,
+            shots: 0,
+            pushes: 0,
+        })
+    }
+
+    /// The truth.
+    pub fn state(&self) -> &BodyState {
+        self.body.state()
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Body {
+        &self.body
+    }
+
+    /// How it senses.
+    pub fn params(&self) -> &RobotParams {
+        &self.params
+    }
+
+    /// The pose as the robot thinks it is.
+    pub fn pose(&self) -> Pose {
+        self.localiser.estimate()
+    }
+
+    /// Moves for a time and senses at the end: a scan is taken when one was due in between (the newest, where several were).
+    pub fn step(&mut self, world: &World, command: Command, duration_s: f64) -> Observation {
+        let body = *self.body.step(world, command, duration_s);
+        let pose = self.localiser.update(&body);
+        let due = (body.time_s * self.params.laser.rate_hz + 1e-9).floor() as u64 + 1;
+        if due > self.scans {
+            self.scans = due;
+            let lost = self.noise.units(super::noise::Stream::Beams, due, u32::MAX)[0] < self.params.scan_dropout;
+            if !lost {
+                let scan = self.scan(world);
+                self.under_way.push_back((body.time_s, scan));
+            }
+        }
+        let mut scan = None;
+        while let Some((taken_s, _)) = self.under_way.front() {
+            if body.time_s + 1e-9 < taken_s + self.params.scan_delay_s {
+                break;
+            }
+            scan = self.under_way.pop_front();
+        }
+        Observation { pose, scan, body }
+    }
+
+    /// A scan of this moment.
+    pub fn scan(&mut self, world: &World) -> Scan {
+        let state = self.body.state();
+        self.shots += 1;
+        let laser = &self.params.laser;
+        laser.scan(world, &state.pose, state.height_m, state.time_s, self.noise, self.shots)
+    }
+
+    /// One scan of a single beam from every sonar.
+    pub fn sonar(&mut self, world: &World) -> Vec<Scan> {
+        let state = self.body.state();
+        self.shots += 1;
+        let cone = |(n, cone): (u32, &Laser)| {
+            cone.cone(
+                world,
+                &state.pose,
+                state.height_m,
+                state.time_s,
+                self.noise,
+                self.shots,
+                n,
+            )
+        };
+        (0u32..).zip(&self.params.sonar).map(cone).collect()
+    }
+
+    /// Stops, pushes the penetrometer into the soil under the robot, and gives the reading when it is done. Its place is the one
+    /// that the robot thinks it is at.
+    pub fn probe(&mut self, world: &World) -> PenetrometerReading {
+        // A vehicle that slides does not probe for ever.
+        for _ in 0..600 {
+            if self.body.state().speed_mps == 0.0 {
+                break;
+            }
+            self.body.wait(world, 0.1);
+        }
+        let pose = self.localiser.update(self.body.state());
+        let at = self.body.state().pose;
+        let push = self.pushes;
+        self.pushes += 1;
+        let place = Position::new(at.x_m, at.y_m);
+        let (mut reading, seconds) = self.params.penetrometer.probe(world, place, self.noise, push);
+        self.body.wait(world, seconds);
+        self.localiser.update(self.body.state());
+        (reading.x_m, reading.y_m) = (pose.x_m, pose.y_m);
+        reading
+    }
+}
