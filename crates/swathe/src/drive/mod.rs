@@ -6,6 +6,7 @@
 
 mod event;
 mod memory;
+mod motion;
 mod navigator;
 mod params;
 mod recovery;

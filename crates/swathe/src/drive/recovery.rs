@@ -7,7 +7,8 @@ use crate::sensor::wrap;
 
 use super::event::{Event, Reason, Recovery, Status};
 use super::memory::Seen;
-use super::navigator::{Navigator, Now};
+use super::motion::Now;
+use super::navigator::Navigator;
 use super::route::Standing;
 use super::safety::Sight;
 
