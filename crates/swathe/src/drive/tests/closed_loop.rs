@@ -58,7 +58,7 @@ fn cluttered_worlds_are_crossed_without_touching_anything(
     #[case] worlds: u64,
 ) {
     let (mut passable, mut reached) = (0, 0);
-    let mut missed = String::new();
+    let mut missed = Vec::new();
     for seed in 0..worlds {
         let world = cluttered(seed, count, &vehicle);
         let drive = Setup::new(&world, vehicle.clone(), (1.0, 0.0, 0.0), GOAL).drive();
@@ -67,13 +67,31 @@ fn cluttered_worlds_are_crossed_without_touching_anything(
             passable += 1;
             reached += u32::from(drive.status == Status::Reached);
             if drive.status != Status::Reached {
-                missed += &format!("seed {seed}: {}\n", told(&drive));
+                missed.push(format!("seed {seed}: {}", told(&drive)));
             }
         }
     }
     assert!(
         f64::from(reached) >= 0.98 * f64::from(passable),
-        "{reached} of {passable}: {missed}"
+        "{reached} of {passable}: {missed:?}"
+    );
+}
+
+#[rstest]
+#[case(1.0)]
+#[case(1.6)]
+fn a_robot_that_sees_little_drives_no_faster_than_it_can_stop_in_it(#[case] range_m: f64) {
+    let world = World::default();
+    let mut setup = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (20.0, 0.0));
+    setup.range_m = range_m;
+    let (reaction_s, braking_mps2) = (setup.vehicle.reaction_time_s, setup.params.braking_mps2);
+    let drive = setup.drive();
+    assert_eq!(drive.status, Status::Reached, "{}", told(&drive));
+    let stops_in_m = drive.top_mps * reaction_s + drive.top_mps * drive.top_mps / (2.0 * braking_mps2);
+    assert!(
+        stops_in_m <= range_m && drive.top_mps > 0.3,
+        "{stops_in_m} m from {} m/s",
+        drive.top_mps
     );
 }
 
