@@ -176,6 +176,17 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "The comparisons contradict each other: consistency ratio 0.500, at most 0.10 is allowed.",
         "Review the comparisons, or pass force=True to use them anyway.",
     ),
+    "drive.vehicle": FIGURE,
+    "drive.nest": (
+        InvalidParameterError,
+        "A lowest suitable rank of 11 is not usable: 2 to 10 is allowed.",
+        "Give 6 with gates or 7 without.",
+    ),
+    "drive.figure": (
+        InvalidParameterError,
+        "The navigator's width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
     "corridor.length": WIDTH,
     "nest.grid": EMPTY,
     "nest.rank_min": (

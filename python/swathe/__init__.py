@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "belief",
     "corridor",
+    "drive",
     "errors",
     "export",
     "grid",

@@ -3,6 +3,7 @@
 use pyo3::prelude::*;
 use swathe::belief::BeliefError;
 use swathe::corridor::CorridorError;
+use swathe::drive::DriveError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
@@ -35,6 +36,7 @@ pub(crate) enum CoreError {
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
+    Drive(DriveError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
@@ -58,6 +60,7 @@ from!(
     Vehicle(VehicleError),
     Rank(RankError),
     Corridor(CorridorError),
+    Drive(DriveError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
@@ -99,11 +102,13 @@ impl CoreError {
             | Self::Sim(SimError::Soil(error))
             | Self::Planner(PlannerError::Rank(RankError::Soil(error))) => of_soil(error),
             Self::Vehicle(VehicleError::Figure { .. })
+            | Self::Drive(DriveError::Vehicle(_))
             | Self::Sim(SimError::Vehicle(VehicleError::Figure { .. }))
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
-            Self::Corridor(CorridorError::Length { .. })
+            Self::Drive(DriveError::Figure { .. })
+            | Self::Corridor(CorridorError::Length { .. })
             | Self::Sim(SimError::Figure { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
             | Self::Planner(
@@ -112,6 +117,7 @@ impl CoreError {
                 | PlannerError::Drivable { .. },
             ) => Class::Parameter("Leave it out for the usual value."),
             Self::Nest(error)
+            | Self::Drive(DriveError::Nest(error))
             | Self::Swarm(SwarmError::Nest(error))
             | Self::Planner(PlannerError::Nest(error) | PlannerError::Swarm(SwarmError::Nest(error))) => of_nest(error),
             Self::Planner(PlannerError::NegativeCost { .. } | PlannerError::NegativeFactor { .. }) => {
@@ -144,6 +150,7 @@ impl CoreError {
             Self::Vehicle(error) => error.to_string(),
             Self::Rank(error) => error.to_string(),
             Self::Corridor(error) => error.to_string(),
+            Self::Drive(error) => error.to_string(),
             Self::Nest(error) => error.to_string(),
             Self::Swarm(error) => error.to_string(),
             Self::Planner(error) => error.to_string(),
@@ -358,6 +365,9 @@ fn samples() -> Vec<(&'static str, CoreError)> {
             .into(),
         ),
         ("rank.inconsistent", RankError::Inconsistent { ratio: 0.5 }.into()),
+        ("drive.vehicle", DriveError::Vehicle(figure()).into()),
+        ("drive.nest", DriveError::Nest(NestError::RankMin { rank: 11 }).into()),
+        ("drive.figure", DriveError::Figure { name, given, allowed }.into()),
         ("corridor.length", CorridorError::Length { name, given, allowed }.into()),
         (
             "nest.grid",

@@ -8,6 +8,7 @@
 mod belief;
 mod convert;
 mod drivable;
+mod drive;
 mod error;
 mod grids;
 mod nest;
@@ -31,6 +32,8 @@ mod _core {
     };
     #[pymodule_export]
     use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
+    #[pymodule_export]
+    use crate::drive::Navigator;
     #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]

@@ -12,6 +12,7 @@
 
 pub mod belief;
 pub mod corridor;
+pub mod drive;
 pub mod grid;
 pub mod local;
 pub mod nest;

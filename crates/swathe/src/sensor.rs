@@ -84,6 +84,9 @@ pub struct Scan {
     pub mount: Mount,
 }
 
+/// Greatest figure of a mount, in metres or radians: no sensor sits farther from its body's origin.
+pub const MOUNT_MAX: f64 = 100.0;
+
 /// What a beam tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Return {
@@ -150,8 +153,8 @@ impl Scan {
         }
         let Mount { x_m, y_m, heading_rad } = self.mount;
         for given in [x_m, y_m, heading_rad] {
-            if !given.is_finite() {
-                return figure("mount", given, "all its figures must be finite");
+            if !(-MOUNT_MAX..=MOUNT_MAX).contains(&given) {
+                return figure("mount", given, "its figures must be finite and at most 100");
             }
         }
         Ok(())
@@ -323,6 +326,7 @@ mod tests {
             |scan: &mut Scan| scan.range_max_m = 0.1,
             |scan: &mut Scan| scan.range_max_m = f64::INFINITY,
             |scan: &mut Scan| scan.mount.y_m = f64::NAN,
+            |scan: &mut Scan| scan.mount.x_m = 1e200,
         ] {
             let mut spoiled = scan(vec![1.0; 3]);
             spoil(&mut spoiled);

@@ -90,6 +90,8 @@ pub struct CertaintyGrid {
     counted: Vec<u32>,
     scan: u32,
     levels: Levels,
+    /// Cells that the last scan counted for, by lattice row and column.
+    touched: Vec<(i64, i64)>,
 }
 
 /// Steps of evidence and what they mean.
@@ -145,6 +147,7 @@ impl CertaintyGrid {
             counted: vec![0; side * side],
             scan: 0,
             levels: Levels::of(params.evidence),
+            touched: Vec::new(),
         };
         grid.middle = grid.lattice(x_m, y_m);
         grid
@@ -221,6 +224,7 @@ impl CertaintyGrid {
             self.scan = 0;
         }
         self.scan += 1;
+        self.touched.clear();
         let sensor = pose.of_mount(&scan.mount);
         let reach_m = self.side as f64 * self.params.cell_size_m;
         let end = |beam: usize, range_m: f64| {
@@ -237,8 +241,9 @@ impl CertaintyGrid {
             };
             let (x_m, y_m) = end(beam, range_m);
             crossed.push((x_m, y_m));
-            if is_hit && let Some(index) = self.index(self.lattice(x_m, y_m)) {
-                self.count(index, self.levels.hit);
+            let cell = self.lattice(x_m, y_m);
+            if is_hit && let Some(index) = self.index(cell) {
+                self.count(index, cell, self.levels.hit);
             }
         }
         let start = (sensor.x_m, sensor.y_m);
@@ -274,7 +279,7 @@ impl CertaintyGrid {
                 // The sensor may sit at the window's edge; a beam that has left does not come back.
                 return;
             };
-            self.count(index, -self.levels.miss);
+            self.count(index, (row, column), -self.levels.miss);
             if to_column < to_row {
                 column += step[0];
                 to_column += span[0];
@@ -285,11 +290,12 @@ impl CertaintyGrid {
         }
     }
 
-    fn count(&mut self, index: usize, change: i16) {
+    fn count(&mut self, index: usize, cell: (i64, i64), change: i16) {
         if self.counted[index] == self.scan {
             return;
         }
         self.counted[index] = self.scan;
+        self.touched.push(cell);
         let level = self.evidence[index];
         let level = if level == UNSEEN { 0 } else { level };
         self.evidence[index] = (level + change).clamp(self.levels.low, self.levels.high);
@@ -326,6 +332,23 @@ impl CertaintyGrid {
                 };
             }
         }
+    }
+
+    /// The cells that the last scan counted for, as row (down from y = 0) and column (right from x = 0) of the lattice of
+    /// cells, hits first.
+    pub fn touched(&self) -> &[(i64, i64)] {
+        &self.touched
+    }
+
+    /// Row and column on the lattice of the cell that holds a place.
+    pub fn cell_of(&self, x_m: f64, y_m: f64) -> (i64, i64) {
+        self.lattice(x_m, y_m)
+    }
+
+    /// Certainty of a cell of the lattice; `None` where nothing was seen or outside the window.
+    pub fn certainty_of(&self, cell: (i64, i64)) -> Option<u8> {
+        let level = self.evidence[self.index(cell)?];
+        (level != UNSEEN).then(|| self.certainty(level))
     }
 
     /// Every cell that has been seen: metres east and north of its centre, and its certainty.

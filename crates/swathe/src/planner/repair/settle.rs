@@ -18,7 +18,7 @@ const EXPANSION: u64 = 2;
 const SAMPLES: usize = 1024;
 
 /// Cells looked at between two reports.
-const WORK_PER_REPORT: u64 = 1 << 16;
+const WORK_PER_REPORT: u64 = 1 << 12;
 
 /// Relative slack of the end of a search, far above what rounding does to a key and far below what matters.
 const SLACK: f64 = 1e-10;

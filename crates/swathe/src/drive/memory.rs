@@ -1,0 +1,151 @@
+//! The memory of what was seen: cells in tiles that are made when something is first seen there.
+
+use std::collections::HashMap;
+
+/// Cells along a tile's side.
+const SIDE: i64 = 64;
+
+/// What is remembered of a cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Seen {
+    /// Never seen.
+    #[default]
+    Unknown,
+    /// Seen, and nothing there.
+    Free,
+    /// Something stands there.
+    Occupied,
+    /// Felt, or marked as a trap; stays.
+    Stamped,
+}
+
+impl Seen {
+    pub fn closed(self) -> bool {
+        matches!(self, Self::Occupied | Self::Stamped)
+    }
+}
+
+/// The memory; cells by row (down from y = 0) and column (right from x = 0).
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    pub cell_size_m: f64,
+    most_tiles: usize,
+    index: HashMap<(i64, i64), usize>,
+    tiles: Vec<((i64, i64), Vec<Seen>)>,
+    /// The tile that was asked for last; neighbours follow each other.
+    last: Option<((i64, i64), usize)>,
+}
+
+impl Memory {
+    pub fn new(cell_size_m: f64, most_tiles: usize) -> Self {
+        Self {
+            cell_size_m,
+            most_tiles,
+            index: HashMap::new(),
+            tiles: Vec::new(),
+            last: None,
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.index.clear();
+        self.tiles.clear();
+        self.last = None;
+    }
+
+    pub fn cell_of(&self, x_m: f64, y_m: f64) -> (i64, i64) {
+        (
+            (-y_m / self.cell_size_m).floor() as i64,
+            (x_m / self.cell_size_m).floor() as i64,
+        )
+    }
+
+    fn place((row, column): (i64, i64)) -> ((i64, i64), usize) {
+        let within = row.rem_euclid(SIDE) * SIDE + column.rem_euclid(SIDE);
+        ((row.div_euclid(SIDE), column.div_euclid(SIDE)), within as usize)
+    }
+
+    pub fn get(&self, cell: (i64, i64)) -> Seen {
+        let (key, within) = Self::place(cell);
+        match self.last {
+            Some((last, at)) if last == key => self.tiles[at].1[within],
+            _ => self
+                .index
+                .get(&key)
+                .map_or(Seen::Unknown, |&at| self.tiles[at].1[within]),
+        }
+    }
+
+    /// Sets a cell; returns whether it was something else before.
+    pub fn set(&mut self, cell: (i64, i64), seen: Seen) -> bool {
+        let (key, within) = Self::place(cell);
+        let at = match self.last {
+            Some((last, at)) if last == key => at,
+            _ => {
+                let at = self.tile(key);
+                self.last = Some((key, at));
+                at
+            }
+        };
+        let before = std::mem::replace(&mut self.tiles[at].1[within], seen);
+        before != seen
+    }
+
+    /// The tile with a key, made if need be; the one farthest away makes room for it.
+    fn tile(&mut self, key: (i64, i64)) -> usize {
+        if let Some(&at) = self.index.get(&key) {
+            return at;
+        }
+        if self.tiles.len() >= self.most_tiles {
+            let away = |(row, column): (i64, i64)| (row - key.0).pow(2) + (column - key.1).pow(2);
+            // The first of the farthest, so that the same drive forgets the same tiles.
+            let farthest = (0..self.tiles.len()).rev().max_by_key(|&at| away(self.tiles[at].0));
+            if let Some(at) = farthest {
+                let old = std::mem::replace(&mut self.tiles[at].0, key);
+                self.tiles[at].1.fill(Seen::Unknown);
+                self.index.remove(&old);
+                self.index.insert(key, at);
+                return at;
+            }
+        }
+        self.tiles.push((key, vec![Seen::Unknown; (SIDE * SIDE) as usize]));
+        self.index.insert(key, self.tiles.len() - 1);
+        self.tiles.len() - 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn cells_are_remembered_wherever_they_lie(cells in prop::collection::btree_set((-500i64..500, -500i64..500), 1..40)) {
+            let mut memory = Memory::new(0.2, 1000);
+            for &cell in &cells {
+                prop_assert!(memory.set(cell, Seen::Occupied));
+                prop_assert!(!memory.set(cell, Seen::Occupied));
+            }
+            for row in -3..3 {
+                for column in -3..3 {
+                    let expected = if cells.contains(&(row, column)) { Seen::Occupied } else { Seen::Unknown };
+                    prop_assert_eq!(memory.get((row, column)), expected);
+                }
+            }
+            prop_assert!(cells.iter().all(|&cell| memory.get(cell) == Seen::Occupied));
+        }
+    }
+
+    #[test]
+    fn the_tile_farthest_away_makes_room() {
+        let mut memory = Memory::new(0.2, 3);
+        for tile in 0..4 {
+            memory.set((0, tile * SIDE), Seen::Free);
+        }
+        assert_eq!(memory.tiles.len(), 3);
+        assert_eq!(memory.get((0, 0)), Seen::Unknown);
+        assert_eq!(memory.get((0, 3 * SIDE)), Seen::Free);
+        assert_eq!(memory.get((0, SIDE)), Seen::Free);
+    }
+}

@@ -1,0 +1,24 @@
+//! The navigator: from what the robot sees to what it should do, one [`Navigator::step`] at a time.
+//!
+//! A step goes down one list: time and pose, scan, certainty grid, memory, region, route, traps, local method, safety. It
+//! works with nothing but one range sensor; a [`Region`] adds what a map knows. The vehicle never goes faster than it can
+//! stop within the ground that it sees to be free.
+
+mod event;
+mod memory;
+mod motion;
+mod navigator;
+mod params;
+mod recovery;
+mod region;
+mod route;
+mod safety;
+mod steer;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+pub use event::{Command, Event, Reason, Recovery, Status};
+pub use navigator::{Navigator, Observation};
+pub use params::{DriveError, DriveParams, Method, OutsideNests};
+pub use region::Region;

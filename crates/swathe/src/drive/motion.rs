@@ -1,0 +1,201 @@
+//! From a place to drive to, to a speed and a turn rate that are safe.
+
+use crate::grid::Position;
+use crate::nest::Navigability;
+use crate::sensor::{Pose, Scan, wrap};
+
+use super::event::Event;
+use super::navigator::Navigator;
+use super::region::RegionState;
+use super::safety::Sight;
+use super::steer::Situation;
+
+/// Off the wanted direction by this much, a robot that can turns in place.
+const IN_PLACE_RAD: f64 = 0.9;
+
+/// Turn rate by radian off the wanted direction.
+const TURN_GAIN: f64 = 2.0;
+
+/// Speeds below this are rest.
+const REST_MPS: f64 = 0.03;
+
+/// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
+const CAREFUL_SHARE: f64 = 0.25;
+
+/// Seconds at rest with nothing to do but wait that call for a recovery.
+const BLOCKED_S: f64 = 1.5;
+
+/// What a step has found out before it decides.
+pub(super) struct Now<'a> {
+    pub time_s: f64,
+    pub step_s: f64,
+    /// Age of the last usable scan.
+    pub age_s: f64,
+    pub pose: Pose,
+    pub speed_mps: f64,
+    pub scan: Option<&'a Scan>,
+    pub answer: Option<Navigability>,
+    pub aim: Position,
+}
+
+impl Now<'_> {
+    pub fn at(&self) -> Position {
+        Position::new(self.pose.x_m, self.pose.y_m)
+    }
+
+    /// Angle from the nose to what is driven to.
+    pub fn off_rad(&self) -> f64 {
+        let at = self.at();
+        wrap((self.aim.y_m - at.y_m).atan2(self.aim.x_m - at.x_m) - self.pose.heading_rad)
+    }
+}
+
+impl Navigator {
+    /// Distance kept from obstacles at a speed.
+    pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
+        self.params.margin_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+    }
+
+    /// Chooses where to, how fast, and checks that it is safe.
+    pub(super) fn drive(&mut self, now: &Now) -> (f64, f64) {
+        let at = now.at();
+        let share = (now.speed_mps.abs() / self.shape.max_speed_mps).min(1.0);
+        let [least_m, most_m] = self.params.lookahead_m;
+        let lookahead_m = (least_m + (most_m - least_m) * share).max(1.5 * self.shape.radius_m);
+        let on_way = self.window.as_ref().and_then(|window| window.ahead(at, lookahead_m));
+        let target = on_way.unwrap_or(now.aim);
+        let steering = self.local.steer(
+            &self.shape,
+            &Situation {
+                grid: &self.grid,
+                scan: now.scan,
+                pose: &now.pose,
+                speed_mps: now.speed_mps,
+                step_s: now.step_s,
+                target,
+                region: self.region.as_ref(),
+                margin_m: self.margin_m(now.speed_mps),
+            },
+        );
+        let target_rad = (target.y_m - at.y_m).atan2(target.x_m - at.x_m);
+        let mut directions = Vec::with_capacity(3);
+        // The histogram does not know that obstacles behind the goal do not matter.
+        let is_last = at.distance_m(now.aim) <= lookahead_m;
+        if is_last && self.window.as_ref().is_some_and(|window| window.sees(at, now.aim)) {
+            let aim_rad = wrap(now.pose.heading_rad + now.off_rad());
+            directions.push((aim_rad, 1.0 - 0.8 * steering.crowding));
+        }
+        match steering.direction_rad {
+            Some(direction_rad) => directions.push((direction_rad, 1.0 - 0.8 * steering.crowding)),
+            None => self.events.push(Event::LocalClosed),
+        }
+        // The memory knows ways that the histogram is too coarse for; the sweep decides whether they are free.
+        if self.params.memory && on_way.is_some() {
+            directions.push((target_rad, CAREFUL_SHARE));
+        }
+        let first_rad = directions.first().map_or(target_rad, |first| first.0);
+        self.watch.note_turn(now.time_s, wrap(first_rad - now.pose.heading_rad));
+        for (direction_rad, share) in directions {
+            let wanted = self.towards(now, direction_rad, share);
+            if wanted != (0.0, 0.0) {
+                self.blocked_since_s = None;
+                return wanted;
+            }
+        }
+        self.blocked_since_s.get_or_insert(now.time_s);
+        (0.0, 0.0)
+    }
+
+    /// Speed and turn rate towards a direction, as fast as is safe; zero when it is not.
+    fn towards(&self, now: &Now, direction_rad: f64, share: f64) -> (f64, f64) {
+        let shape = &self.shape;
+        let off_rad = wrap(direction_rad - now.pose.heading_rad);
+        let wanted_turn = (TURN_GAIN * off_rad).clamp(-shape.max_turn_rate_radps, shape.max_turn_rate_radps);
+        if shape.turns_in_place() && off_rad.abs() > IN_PLACE_RAD {
+            return self.turn(now, off_rad);
+        }
+        let turning = (wanted_turn / shape.max_turn_rate_radps).abs();
+        let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
+        // Arrive, rather than run past.
+        let left_m = now.at().distance_m(now.aim);
+        speed_mps = speed_mps.min(shape.speed_for(left_m, 0.5 * shape.braking_mps2, 0.0) + 0.1);
+        speed_mps = speed_mps.clamp(0.05_f64.min(shape.max_speed_mps), shape.max_speed_mps);
+        let turn_radps = shape.turn_rate(wanted_turn, speed_mps);
+        let curvature = turn_radps / speed_mps;
+        let safe_mps = self.safe_mps(now, curvature, true);
+        if safe_mps < REST_MPS {
+            if shape.turns_in_place() && off_rad.abs() > 0.1 {
+                return self.turn(now, off_rad);
+            }
+            return (0.0, 0.0);
+        }
+        let faster = now.speed_mps.max(self.last_command.speed_mps).max(0.0) + shape.acceleration_mps2 * now.step_s;
+        let speed_mps = speed_mps.min(safe_mps).min(faster.max(REST_MPS));
+        (speed_mps, curvature * speed_mps)
+    }
+
+    /// Turns in place towards an angle off the nose, when the footprint is free to.
+    fn turn(&self, now: &Now, off_rad: f64) -> (f64, f64) {
+        let most = self.shape.max_turn_rate_radps;
+        for wanted_rad in [off_rad, off_rad - off_rad.signum() * std::f64::consts::TAU] {
+            let tried = wanted_rad.clamp(-0.6, 0.6);
+            if self.around.turn_rad(&self.shape, tried).abs() >= 0.1 {
+                // Still rolling: stop first.
+                let share = if now.speed_mps.abs() > 0.3 { 0.3 } else { 1.0 };
+                return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most) * share);
+            }
+        }
+        (0.0, 0.0)
+    }
+
+    /// Greatest speed along an arc from which the vehicle stops within what is free and seen.
+    pub(super) fn safe_mps(&self, now: &Now, curvature: f64, forward: bool) -> f64 {
+        let shape = &self.shape;
+        let braking_mps2 = self.braking_mps2(&now.pose, forward);
+        if braking_mps2 <= 0.0 {
+            return 0.0;
+        }
+        let sight = Sight {
+            grid: &self.grid,
+            pose: &now.pose,
+            scan: now.scan,
+        };
+        let speed = now.speed_mps.abs().max(self.last_command.speed_mps.abs()) + shape.acceleration_mps2 * now.step_s;
+        let reach_m = shape.stopping_m(speed.min(shape.max_speed_mps)) + 1.0;
+        let free_m = self
+            .around
+            .free_m(shape, curvature, forward, reach_m, |ahead_m, left_m| {
+                sight.has(ahead_m, left_m)
+            });
+        let buffer_m = 0.5 * self.grid.params().cell_size_m;
+        shape.speed_for(free_m - buffer_m, braking_mps2, now.age_s + now.step_s.min(0.5))
+    }
+
+    /// Braking on the slope that the robot stands on.
+    fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
+        let uphill = if forward { pose.pitch_rad } else { -pose.pitch_rad };
+        let grip = self.shape.braking_friction * uphill.cos() + uphill.sin();
+        let lost_mps2 = crate::vehicle::GRAVITY_MPS2 * (-uphill.sin()).max(0.0);
+        (self.shape.braking_mps2 - lost_mps2).min(crate::vehicle::GRAVITY_MPS2 * grip)
+    }
+
+    /// Share of the greatest speed that the ground allows.
+    fn ground_share(&self, now: &Now) -> f64 {
+        let nests = now.answer.map_or(1.0, RegionState::speed_factor);
+        if now.time_s < self.slip_until_s {
+            0.5 * nests
+        } else {
+            nests
+        }
+    }
+
+    /// Whether the robot has stood for long with nothing safe to do.
+    pub(super) fn is_blocked(&self, time_s: f64) -> bool {
+        self.blocked_since_s.is_some_and(|since| time_s - since > BLOCKED_S)
+    }
+
+    /// Speed next to trouble.
+    pub(super) fn careful_mps(&self) -> f64 {
+        CAREFUL_SHARE * self.shape.max_speed_mps
+    }
+}

@@ -1,0 +1,547 @@
+//! The pipeline of a step.
+
+use crate::grid::{Cell, Position};
+use crate::local::{CertaintyGrid, CertaintyParams};
+use crate::nest::Navigability;
+use crate::sensor::{PenetrometerReading, Pose, Return, Scan, wrap};
+use crate::vehicle::Vehicle;
+
+use super::event::{Command, Event, Reason, Recovery, Status};
+use super::memory::{Memory, Seen};
+use super::motion::Now;
+use super::params::{DriveError, DriveParams, Shape};
+use super::region::{Region, RegionState};
+use super::route::{Ground, Layout, RouteWindow, Standing};
+use super::safety::Surroundings;
+use super::steer::Local;
+use super::watch::Watch;
+
+/// Certainty from which on something stands in a cell, and below which it is gone again.
+pub(super) const SURE: u8 = 6;
+const GONE: u8 = 3;
+
+/// Memory cells are this many certainty cells wide.
+const MEMORY_CELLS: i64 = 2;
+
+/// Greatest coordinate, in metres, and speed that count as usable.
+const PLACE_MAX_M: f64 = 1e8;
+const SPEED_MAX: f64 = 1e3;
+
+/// What the robot senses in a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<'a> {
+    /// Time in seconds, on a clock of its own.
+    pub time_s: f64,
+    /// Where the robot is, in the goal's frame.
+    pub pose: Pose,
+    /// Measured speed, negative when backing.
+    pub speed_mps: f64,
+    /// Measured turn rate, counter-clockwise.
+    pub turn_rate_radps: f64,
+    /// The latest scan, if a new one came.
+    pub scan: Option<&'a Scan>,
+    /// A penetrometer reading, if one came.
+    pub reading: Option<&'a PenetrometerReading>,
+}
+
+/// The navigator with all that it remembers.
+#[derive(Debug)]
+pub struct Navigator {
+    pub(super) params: DriveParams,
+    pub(super) shape: Shape,
+    vehicle: Vehicle,
+    pub(super) goal: Position,
+    pending_region: Option<Region>,
+    pub(super) region: Option<RegionState>,
+    pub(super) grid: CertaintyGrid,
+    pub(super) memory: Memory,
+    pub(super) window: Option<RouteWindow>,
+    pub(super) window_cells: usize,
+    pub(super) local: Local,
+    pub(super) around: Surroundings,
+    pub(super) watch: Watch,
+    pub(super) recovery: Option<Recovery>,
+    pub(super) attempts: u32,
+    pub(super) all_attempts: u32,
+    pub(super) trap_at: Option<Position>,
+    pub(super) looked_around: bool,
+    pub(super) end: Option<(Status, Reason)>,
+    pub(super) slip_until_s: f64,
+    pub(super) blocked_since_s: Option<f64>,
+    last: Option<(f64, Pose)>,
+    scan_time_s: Option<f64>,
+    refused: Option<Reason>,
+    last_ranges: Vec<f64>,
+    same_since: Option<Pose>,
+    pub(super) last_command: Command,
+    reason: Reason,
+    pub(super) events: Vec<Event>,
+}
+
+impl Navigator {
+    /// A navigator at rest, which waits for its first scan.
+    ///
+    /// # Errors
+    /// [`DriveError`] when the vehicle, a parameter, the goal or the region's grids are not usable.
+    pub fn new(
+        vehicle: &Vehicle,
+        goal: Position,
+        region: Option<Region>,
+        params: DriveParams,
+    ) -> Result<Self, DriveError> {
+        vehicle.validate()?;
+        params.validate()?;
+        for (name, given) in [("goal's x in metres", goal.x_m), ("goal's y in metres", goal.y_m)] {
+            check_place(name, given)?;
+        }
+        if let Some(region) = &region {
+            // Made at the first pose; what can be wrong with them is told now.
+            RegionState::new(region.clone(), vehicle, &params, goal)?;
+        }
+        let shape = Shape::of(vehicle, &params);
+        let needed_m = shape.stopping_m(shape.max_speed_mps) + shape.radius_m + 1.0;
+        let cell_size_m = (needed_m / 60.0).max(shape.radius_m / 8.0).max(0.1);
+        let half = (needed_m / cell_size_m).ceil() as usize;
+        let grid = CertaintyParams {
+            cell_size_m,
+            side_cells: 161.max(2 * half + 21),
+            fade_s: params.fade_s,
+            ..CertaintyParams::default()
+        };
+        Ok(Self {
+            grid: CertaintyGrid::new(grid, 0.0, 0.0),
+            memory: Memory::new(cell_size_m * MEMORY_CELLS as f64, params.most_tiles),
+            window: None,
+            window_cells: params.window_cells,
+            local: Local::new(params.method, &shape, cell_size_m, (2 * half + 1).clamp(61, 121)),
+            around: Surroundings::default(),
+            watch: Watch::default(),
+            recovery: None,
+            attempts: 0,
+            all_attempts: 0,
+            trap_at: None,
+            looked_around: false,
+            end: None,
+            slip_until_s: f64::NEG_INFINITY,
+            blocked_since_s: None,
+            last: None,
+            scan_time_s: None,
+            refused: None,
+            last_ranges: Vec::new(),
+            same_since: None,
+            last_command: Command {
+                speed_mps: 0.0,
+                turn_rate_radps: 0.0,
+                status: Status::Driving,
+            },
+            reason: Reason::OnTheWay,
+            events: Vec::new(),
+            vehicle: vehicle.clone(),
+            pending_region: region,
+            region: None,
+            goal,
+            shape,
+            params,
+        })
+    }
+
+    /// What happened in the last step.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Why the last step's status holds.
+    pub fn reason(&self) -> Reason {
+        self.reason
+    }
+
+    /// The goal.
+    pub fn goal(&self) -> Position {
+        self.goal
+    }
+
+    /// The way on the memory from the robot on, empty when there is none.
+    pub fn way(&self) -> &[Position] {
+        self.window.as_ref().map_or(&[], |window| &window.way)
+    }
+
+    /// What is seen around the robot.
+    pub fn certainty(&self) -> &CertaintyGrid {
+        &self.grid
+    }
+
+    /// Sets another goal and starts anew towards it; what was seen is kept.
+    ///
+    /// # Errors
+    /// [`DriveError::Figure`] when it is not a place.
+    pub fn set_goal(&mut self, goal: Position) -> Result<(), DriveError> {
+        for (name, given) in [("goal's x in metres", goal.x_m), ("goal's y in metres", goal.y_m)] {
+            check_place(name, given)?;
+        }
+        self.goal = goal;
+        self.end = None;
+        self.window = None;
+        self.start_over();
+        Ok(())
+    }
+
+    /// Gives cells of the region other ranks, as after new knowledge of the soil; returns how many have changed.
+    pub fn change_ranks(&mut self, changes: &[(Cell, u8)]) -> usize {
+        let changed = match (&mut self.region, &mut self.pending_region) {
+            (Some(region), _) => region.change(changes),
+            (None, Some(region)) => {
+                let geometry = region.ranks.geometry();
+                let inside = |cell: Cell| geometry.checked(cell.row as i64, cell.column as i64).is_some();
+                let mut changed = 0;
+                for &(cell, rank) in changes.iter().filter(|(cell, rank)| inside(*cell) && *rank <= 10) {
+                    let index = geometry.index(cell);
+                    let before = std::mem::replace(&mut region.ranks.data_mut()[index], rank);
+                    changed += usize::from(before != rank);
+                }
+                changed
+            }
+            (None, None) => 0,
+        };
+        if changed > 0 {
+            self.window = None;
+        }
+        changed
+    }
+
+    /// A step without anybody who takes in readings.
+    pub fn step(&mut self, seen: &Observation) -> Command {
+        self.step_with(seen, &mut |_| Vec::new())
+    }
+
+    /// A step: what was observed in, a command out. `learn` is handed every usable reading and returns the cells whose rank it
+    /// changes. Any input is taken; what cannot be used ends in a stop with its reason, never in a panic.
+    pub fn step_with(
+        &mut self,
+        seen: &Observation,
+        learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>,
+    ) -> Command {
+        self.events.clear();
+        let before = (self.last_command.status, self.reason);
+        let (wanted, status, reason) = self.decide(seen, learn);
+        let command = self.limited(wanted, status);
+        if before != (status, reason) {
+            self.events.push(Event::Status { status, reason });
+        }
+        self.reason = reason;
+        self.last_command = command;
+        command
+    }
+
+    /// The one list of a step.
+    fn decide(
+        &mut self,
+        seen: &Observation,
+        learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>,
+    ) -> ((f64, f64), Status, Reason) {
+        let stand = |status, reason| ((0.0, 0.0), status, reason);
+        if !is_usable(seen) {
+            return stand(Status::Fault, Reason::BadState);
+        }
+        let pose = Pose {
+            heading_rad: wrap(seen.pose.heading_rad),
+            ..seen.pose
+        };
+        let at = Position::new(pose.x_m, pose.y_m);
+        let step_s = match self.keep_time(seen.time_s, &pose) {
+            Ok(step_s) => step_s,
+            Err(reason) => {
+                self.look(seen, &pose, 0.0);
+                return stand(Status::Fault, reason);
+            }
+        };
+        self.begin_region(at);
+        self.look(seen, &pose, step_s);
+        self.take_reading(seen, learn);
+        let answer = self.ask_grids(&pose);
+        if let Some((status, reason)) = self.end {
+            return stand(status, reason);
+        }
+        if at.distance_m(self.goal) <= self.params.arrival_m {
+            self.end = Some((Status::Reached, Reason::AtGoal));
+            return stand(Status::Reached, Reason::AtGoal);
+        }
+        let Some(scan_s) = self.scan_time_s else {
+            return stand(Status::Fault, self.refused.unwrap_or(Reason::NoScanYet));
+        };
+        let age_s = seen.time_s - scan_s;
+        if age_s > self.params.stale_s {
+            self.watch.restart();
+            return stand(Status::Fault, self.refused.unwrap_or(Reason::StaleScan));
+        }
+        let scan = seen.scan.filter(|_| age_s == 0.0);
+        let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
+        self.around.gather(
+            &self.grid,
+            &pose,
+            &self.shape,
+            reach_m,
+            SURE,
+            self.margin_m(seen.speed_mps),
+        );
+        if let Some(reason) = self.own_ground(at) {
+            self.end = Some((Status::Stopped, reason));
+            return stand(Status::Stopped, reason);
+        }
+        let aim = self.aim();
+        if self.params.memory {
+            self.lay_route(at, aim);
+            if let Some((status, reason)) = self.no_way(at) {
+                return stand(status, reason);
+            }
+        }
+        self.note_headway(seen, &pose, step_s);
+        let now = Now {
+            time_s: seen.time_s,
+            step_s,
+            age_s,
+            pose,
+            speed_mps: seen.speed_mps,
+            scan,
+            answer,
+            aim,
+        };
+        if self.params.recover
+            && let Some(told) = self.recover(&now)
+        {
+            return told;
+        }
+        if let Some((status, reason)) = self.end {
+            return stand(status, reason);
+        }
+        let wanted = self.drive(&now);
+        match self.recovery {
+            Some(_) => (wanted, Status::Recovering, Reason::GroundNoGo),
+            None => (wanted, Status::Driving, Reason::OnTheWay),
+        }
+    }
+
+    /// Seconds since the last step, or why they cannot be told.
+    fn keep_time(&mut self, time_s: f64, pose: &Pose) -> Result<f64, Reason> {
+        let Some((last_s, last)) = self.last.replace((time_s, *pose)) else {
+            self.grid.move_to(pose.x_m, pose.y_m);
+            return Ok(0.1);
+        };
+        let step_s = time_s - last_s;
+        let moved_m = last.distance_m(pose);
+        if step_s < 0.0 {
+            // What came before is of another time; the next step goes on from this one.
+            self.scan_time_s = None;
+            self.watch.restart();
+            return Err(Reason::ClockWentBack);
+        }
+        if moved_m > 1.5 * self.shape.max_speed_mps * step_s + 0.5 {
+            self.events.push(Event::PoseJump { distance_m: moved_m });
+            self.grid.clear();
+            self.memory.clear();
+            self.window = None;
+            self.scan_time_s = None;
+            self.start_over();
+            self.grid.move_to(pose.x_m, pose.y_m);
+            return Err(Reason::PoseJumped);
+        }
+        Ok(step_s.min(1.0))
+    }
+
+    /// Forgets what the drive was busy with.
+    pub(super) fn start_over(&mut self) {
+        self.watch.restart();
+        self.recovery = None;
+        self.attempts = 0;
+        self.all_attempts = 0;
+        self.trap_at = None;
+        self.looked_around = false;
+        self.blocked_since_s = None;
+        self.local.forget();
+        if let Some(region) = &mut self.region {
+            region.leaving_no_go = false;
+        }
+    }
+
+    fn begin_region(&mut self, at: Position) {
+        if let Some(region) = self.pending_region.take() {
+            // Checked when the navigator was made; a pose beside the map only moves the grids' window there.
+            self.region = RegionState::new(region, &self.vehicle, &self.params, at).ok();
+        }
+    }
+
+    /// Takes in a scan, or notes why not.
+    fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
+        self.grid.move_to(pose.x_m, pose.y_m);
+        self.grid.fade(step_s);
+        let Some(scan) = seen.scan else { return };
+        if let Err(reason) = self.check_scan(scan, pose) {
+            self.refused = Some(reason);
+            self.events.push(Event::ScanRefused { reason });
+            return;
+        }
+        self.refused = None;
+        self.scan_time_s = Some(seen.time_s);
+        match &self.region {
+            Some(region) if region.explains() => {
+                let params = &self.params;
+                self.grid
+                    .observe(pose, scan, |beam| region.explain(pose, scan, beam, params));
+            }
+            _ => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
+        }
+        self.remember();
+    }
+
+    fn check_scan(&mut self, scan: &Scan, pose: &Pose) -> Result<(), Reason> {
+        scan.validate().map_err(|_| Reason::BadScan)?;
+        let beams = || (0..scan.ranges_m.len()).map(|beam| scan.beam(beam));
+        if beams().all(|beam| beam == Return::Invalid) {
+            return Err(Reason::BlindScan);
+        }
+        let is_same = self.last_ranges == scan.ranges_m && beams().any(|beam| matches!(beam, Return::Obstacle { .. }));
+        if !is_same {
+            self.last_ranges.clone_from(&scan.ranges_m);
+            self.same_since = Some(*pose);
+            return Ok(());
+        }
+        // Nothing that stands still looks the same from elsewhere.
+        let since = self.same_since.get_or_insert(*pose);
+        let turned_rad = wrap(since.heading_rad - pose.heading_rad).abs();
+        if since.distance_m(pose) > 0.3 || turned_rad > 0.3 {
+            return Err(Reason::FrozenScan);
+        }
+        Ok(())
+    }
+
+    /// Merges what the last scan has touched into the memory, and into the window of the route.
+    fn remember(&mut self) {
+        let mut before = None;
+        for &(row, column) in self.grid.touched() {
+            let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
+            // Beams cross the cells of one memory cell one after the other.
+            if before == Some(cell) {
+                continue;
+            }
+            before = Some(cell);
+            let known = self.memory.get(cell);
+            if known == Seen::Stamped {
+                continue;
+            }
+            let most = (0..MEMORY_CELLS * MEMORY_CELLS).filter_map(|part| {
+                let (down, right) = (part / MEMORY_CELLS, part % MEMORY_CELLS);
+                self.grid
+                    .certainty_of((cell.0 * MEMORY_CELLS + down, cell.1 * MEMORY_CELLS + right))
+            });
+            let most = most.max().unwrap_or(0);
+            let seen = match known {
+                Seen::Occupied if most >= GONE => Seen::Occupied,
+                _ if most >= SURE => Seen::Occupied,
+                _ => Seen::Free,
+            };
+            if seen != known {
+                self.memory.set(cell, seen);
+                if let Some(window) = &mut self.window {
+                    window.set(cell, seen);
+                }
+            }
+        }
+    }
+
+    fn take_reading(&mut self, seen: &Observation, learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>) {
+        let Some(reading) = seen.reading else { return };
+        if reading.validate().is_err() {
+            self.events.push(Event::ReadingRefused);
+            return;
+        }
+        let changes = learn(reading);
+        let changed = self.change_ranks(&changes);
+        self.events.push(Event::ReadingTaken { changed });
+    }
+
+    fn ask_grids(&mut self, pose: &Pose) -> Option<Navigability> {
+        let answer = self.region.as_mut()?.ask(pose);
+        self.events.push(Event::Navigability {
+            grids: (0..answer.grids()).map(|grid| answer.in_grid(grid)).collect(),
+            navigable: answer.navigable(),
+            disagreement: answer.disagreement(),
+        });
+        Some(answer)
+    }
+
+    /// What is driven to: the goal, or a safe nest first.
+    fn aim(&self) -> Position {
+        match self.recovery {
+            Some(Recovery::Retreat { to }) => to,
+            _ => self.goal,
+        }
+    }
+
+    /// Keeps the window around the robot and the way in it right.
+    fn lay_route(&mut self, at: Position, aim: Position) {
+        let stale = self.window.as_ref().is_none_or(|window| {
+            (window.is_leaving(at)
+                && !(window.goal_inside && window.standing == Standing::Found && !window.is_outside(at)))
+                || window.cells() != self.window_cells
+        });
+        if stale {
+            let layout = Layout {
+                cells: self.window_cells,
+                closed_m: self.shape.radius_m + 0.5 * self.params.margin_m,
+                unknown_cost: self.params.unknown_cost,
+                arrival_m: self.params.arrival_m,
+                goal: aim,
+                global: self.region.as_ref().map_or(&[], |region| region.rest_of_route(at)),
+            };
+            let ground = self.region.as_ref().map(|region| region as &dyn Ground);
+            self.window = RouteWindow::new(&self.memory, at, &layout, ground);
+        }
+        let Some(window) = &mut self.window else { return };
+        if let Some(afresh) = window.repair(at) {
+            let length_m = window.length_m();
+            self.events.push(Event::Route { length_m, afresh });
+        }
+    }
+
+    /// The command within the vehicle's limits, whatever was wanted.
+    fn limited(&self, (speed_mps, turn_radps): (f64, f64), status: Status) -> Command {
+        let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
+        let most = self.shape.max_speed_mps;
+        let speed_mps = finite(speed_mps).clamp(-most, most);
+        Command {
+            speed_mps,
+            turn_rate_radps: self.shape.turn_rate(finite(turn_radps), speed_mps),
+            status,
+        }
+    }
+
+    fn note_headway(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
+        let told_mps = self.last_command.speed_mps;
+        self.watch
+            .note(seen.time_s, step_s, pose, seen.speed_mps, told_mps, self.params.trap_s);
+        let at = Position::new(pose.x_m, pose.y_m);
+        let away_m = (4.0 * self.shape.radius_m).max(3.0);
+        if self.trap_at.is_some_and(|trap| trap.distance_m(at) > away_m) {
+            self.trap_at = None;
+            self.attempts = 0;
+            self.looked_around = false;
+        }
+    }
+}
+
+fn check_place(name: &'static str, given: f64) -> Result<(), DriveError> {
+    if given.abs() <= PLACE_MAX_M {
+        return Ok(());
+    }
+    let allowed = "it must be finite and at most 1e8 m from the origin";
+    Err(DriveError::Figure { name, given, allowed })
+}
+
+fn is_usable(seen: &Observation) -> bool {
+    let pose = &seen.pose;
+    seen.time_s.is_finite()
+        && pose.is_finite()
+        && pose.x_m.abs() <= PLACE_MAX_M
+        && pose.y_m.abs() <= PLACE_MAX_M
+        && seen.speed_mps.abs() <= SPEED_MAX
+        && seen.turn_rate_radps.abs() <= SPEED_MAX
+}

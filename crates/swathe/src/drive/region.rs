@@ -1,0 +1,231 @@
+//! What the map says while driving: ranks, nests of the overlapping grids, elevation and the global route.
+
+use crate::grid::{Cell, Layer, Position};
+use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCodes};
+use crate::sensor::{Pose, Return, Scan};
+use crate::vehicle::Vehicle;
+
+use super::params::{DriveError, DriveParams, OutsideNests};
+use super::route::Ground;
+
+/// Cost of ground outside the nests, and of no-go ground while the robot leaves it.
+const OUTSIDE_COST: f64 = 3.0;
+const NO_GO_COST: f64 = 20.0;
+
+/// Speed outside the nests, as a share of the usual.
+const OUTSIDE_SPEED: f64 = 0.5;
+
+/// How far a safe nest is looked for, in metres.
+const RETREAT_M: f64 = 60.0;
+
+/// The map that a navigator may be given.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// Rank of every terrain cell: 0 unknown, 1 no-go, 2 to 10.
+    pub ranks: Layer<u8>,
+    /// Elevation in metres on a grid of its own; returns that it explains are ground.
+    pub elevation_m: Option<Layer<f32>>,
+    /// Points of the global route, empty without one.
+    pub route: Vec<Position>,
+    /// The overlapping grids; `None` takes those for the vehicle.
+    pub grids: Option<GridsParams>,
+}
+
+/// The map in use.
+#[derive(Debug)]
+pub(super) struct RegionState {
+    region: Region,
+    grids: OverlappingGrids,
+    footprint: Footprint,
+    point: Footprint,
+    outside: OutsideNests,
+    /// Whether no-go ground may be crossed, to leave it.
+    pub leaving_no_go: bool,
+}
+
+impl RegionState {
+    pub fn new(region: Region, vehicle: &Vehicle, params: &DriveParams, at: Position) -> Result<Self, DriveError> {
+        let grids = region
+            .grids
+            .clone()
+            .unwrap_or_else(|| GridsParams::for_vehicle(vehicle));
+        Ok(Self {
+            grids: OverlappingGrids::new(grids, at, &RankCodes(region.ranks.view()))?,
+            footprint: Footprint::of_vehicle(vehicle)?,
+            point: Footprint::circle(0.0)?,
+            outside: params.outside_nests,
+            leaving_no_go: false,
+            region,
+        })
+    }
+
+    /// Moves the grids with the robot and asks them all.
+    pub fn ask(&mut self, pose: &Pose) -> Navigability {
+        let at = Position::new(pose.x_m, pose.y_m);
+        // The evidence keeps its geometry and the pose is finite: this cannot fail.
+        let moved = self.grids.recentre(at, &RankCodes(self.region.ranks.view()));
+        debug_assert!(moved.is_ok());
+        self.grids.navigable(at, pose.heading_rad, &self.footprint)
+    }
+
+    /// Rank at a place; `None` outside the map.
+    pub fn rank(&self, at: Position) -> Option<u8> {
+        let cell = self.region.ranks.geometry().cell_at(at)?;
+        Some(self.region.ranks[cell])
+    }
+
+    /// Whether the map forbids to drive there.
+    pub fn forbids(&self, at: Position) -> bool {
+        self.rank(at) == Some(1) && !self.leaving_no_go
+    }
+
+    /// Whether a place lies in a nest.
+    pub fn in_nest(&self, at: Position) -> bool {
+        self.grids.navigable(at, 0.0, &self.point).navigable()
+    }
+
+    /// Share of the usual speed, by what the grids say of the robot's pose.
+    pub fn speed_factor(answer: Navigability) -> f64 {
+        if answer.navigable() {
+            answer.speed_factor()
+        } else {
+            OUTSIDE_SPEED
+        }
+    }
+
+    /// What is left of the global route from the point nearest to a place on.
+    pub fn rest_of_route(&self, at: Position) -> &[Position] {
+        let route = &self.region.route;
+        let nearest = (0..route.len()).min_by(|&a, &b| route[a].distance_m(at).total_cmp(&route[b].distance_m(at)));
+        nearest.map_or(&[], |nearest| &route[nearest..])
+    }
+
+    /// Gives cells other ranks; returns how many have changed.
+    pub fn change(&mut self, changes: &[(Cell, u8)]) -> usize {
+        let geometry = self.region.ranks.geometry();
+        let mut changed: Option<(Cell, Cell)> = None;
+        let mut count = 0;
+        for &(cell, rank) in changes {
+            if geometry.checked(cell.row as i64, cell.column as i64).is_none() || rank > 10 {
+                continue;
+            }
+            let index = geometry.index(cell);
+            if std::mem::replace(&mut self.region.ranks.data_mut()[index], rank) == rank {
+                continue;
+            }
+            count += 1;
+            let (low, high) = changed.get_or_insert((cell, cell));
+            *low = Cell::new(low.row.min(cell.row), low.column.min(cell.column));
+            *high = Cell::new(high.row.max(cell.row), high.column.max(cell.column));
+        }
+        if let Some((low, high)) = changed {
+            let view = self.region.ranks.view();
+            let (rows, columns) = (low.row..high.row + 1, low.column..high.column + 1);
+            let refreshed = self.grids.refresh(rows, columns, &RankCodes(view));
+            debug_assert!(refreshed.is_ok());
+        }
+        count
+    }
+
+    /// The nearest suitable ground, in a nest if there is one within reach.
+    pub fn retreat(&self, at: Position) -> Option<Position> {
+        let geometry = self.region.ranks.geometry();
+        let reach = (RETREAT_M / geometry.cell_size_m()).ceil() as i64;
+        let (row, column) = geometry.fractional(at);
+        let (row, column) = (row.floor() as i64, column.floor() as i64);
+        let rank_min = self.grids.params().rank_min;
+        let mut best: Option<(bool, f64, Position)> = None;
+        for down in row - reach..=row + reach {
+            for right in column - reach..=column + reach {
+                let Some(cell) = geometry.checked(down, right) else {
+                    continue;
+                };
+                let place = geometry.centre(cell);
+                let away_m = place.distance_m(at);
+                if self.region.ranks[cell] < rank_min || away_m > RETREAT_M {
+                    continue;
+                }
+                let candidate = (!self.in_nest(place), away_m, place);
+                if best.is_none_or(|best| (candidate.0, candidate.1) < (best.0, best.1)) {
+                    best = Some(candidate);
+                }
+            }
+        }
+        best.map(|(_, _, place)| place)
+    }
+
+    /// Elevation at a place, between the centres of four cells; `None` where it is not known.
+    fn height_m(&self, at: Position) -> Option<f64> {
+        let elevation = self.region.elevation_m.as_ref()?;
+        let geometry = elevation.geometry();
+        let (row, column) = geometry.fractional(at);
+        let (row, column) = (row - 0.5, column - 0.5);
+        let (top, left) = (row.floor(), column.floor());
+        let (down, right) = (row - top, column - left);
+        let mut sum = 0.0;
+        for (rows, share_down) in [(0, 1.0 - down), (1, down)] {
+            for (columns, share_right) in [(0, 1.0 - right), (1, right)] {
+                let share = share_down * share_right;
+                if share > 0.0 {
+                    let cell = geometry.checked(top as i64 + rows, left as i64 + columns)?;
+                    sum += share * f64::from(elevation[cell]);
+                }
+            }
+        }
+        sum.is_finite().then_some(sum)
+    }
+
+    /// What a beam tells when map and attitude are known: returns at the height of the ground are ground.
+    pub fn explain(&self, pose: &Pose, scan: &Scan, beam: usize, params: &DriveParams) -> Return {
+        let told = scan.beam(beam);
+        let Return::Obstacle { range_m } = told else {
+            return told;
+        };
+        let at = Position::new(pose.x_m, pose.y_m);
+        let Some(here_m) = self.height_m(at) else { return told };
+        let sensor = pose.of_mount(&scan.mount);
+        // Direction on the body: ahead and left; the body's axes rise by pitch and, to the left, by roll.
+        let on_body = scan.mount.heading_rad + scan.beam_rad(beam);
+        let rise = on_body.cos() * pose.pitch_rad.sin() + on_body.sin() * pose.roll_rad.sin() * pose.pitch_rad.cos();
+        let level = (1.0 - rise * rise).max(0.0).sqrt();
+        let heading = sensor.heading_rad + scan.beam_rad(beam);
+        let end = Position::new(
+            sensor.x_m + range_m * level * heading.cos(),
+            sensor.y_m + range_m * level * heading.sin(),
+        );
+        let Some(ground_m) = self.height_m(end) else {
+            return told;
+        };
+        let end_m = here_m + params.sensor_height_m + range_m * rise;
+        if end_m <= ground_m + params.ground_tolerance_m {
+            Return::Ground { range_m }
+        } else {
+            told
+        }
+    }
+
+    /// The elevation map, if any.
+    pub fn explains(&self) -> bool {
+        self.region.elevation_m.is_some()
+    }
+}
+
+impl Ground for RegionState {
+    fn factor(&self, position: Position) -> f64 {
+        match self.rank(position) {
+            Some(1) if self.leaving_no_go => NO_GO_COST,
+            None | Some(1) => f64::INFINITY,
+            Some(_) => 1.0,
+        }
+    }
+
+    fn outside_factor(&self, position: Position) -> f64 {
+        if self.in_nest(position) {
+            1.0
+        } else if self.outside == OutsideNests::Block && !self.leaving_no_go {
+            f64::INFINITY
+        } else {
+            OUTSIDE_COST
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! How far the footprint can go: obstacles that the certainty grid holds, and ground that was seen.
+
+use crate::local::CertaintyGrid;
+use crate::sensor::{Pose, Return, Scan, wrap};
+
+use super::params::Shape;
+
+/// Obstacles around the robot, in its body frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Surroundings {
+    /// Ahead and left of the body's origin, in metres.
+    points: Vec<(f64, f64)>,
+    /// How near each may come: the margin, or less when it is nearer already.
+    margins: Vec<f64>,
+    cell_size_m: f64,
+    margin_m: f64,
+}
+
+/// Side of the steps in which a way is tried, in cells.
+const STEP_CELLS: f64 = 1.0;
+
+/// Steps of a turn that are tried.
+const TURN_STEP_RAD: f64 = 0.06;
+
+impl Surroundings {
+    /// Collects the obstacles within reach of a pose.
+    pub fn gather(&mut self, grid: &CertaintyGrid, pose: &Pose, shape: &Shape, reach_m: f64, sure: u8, margin_m: f64) {
+        self.points.clear();
+        self.margins.clear();
+        self.cell_size_m = grid.params().cell_size_m;
+        self.margin_m = margin_m;
+        let size = self.cell_size_m;
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        let (row, column) = grid.cell_of(pose.x_m, pose.y_m);
+        let half = ((reach_m + shape.radius_m) / size).ceil() as i64;
+        let half = half.min(grid.side_cells() as i64 / 2);
+        for down in row - half..=row + half {
+            let y_m = -(down as f64 + 0.5) * size - pose.y_m;
+            for right in column - half..=column + half {
+                if grid
+                    .certainty_of((down, right))
+                    .is_none_or(|certainty| certainty < sure)
+                {
+                    continue;
+                }
+                let x_m = (right as f64 + 0.5) * size - pose.x_m;
+                let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
+                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+                self.points.push((ahead, left));
+                self.margins.push((beyond - 0.2 * size).min(margin_m));
+            }
+        }
+    }
+
+    /// Metres that the footprint can go along an arc before it meets an obstacle, or ground that was not seen. Curvature is
+    /// counter-clockwise per metre of forward way; backwards with `forward` false.
+    pub fn free_m(
+        &self,
+        shape: &Shape,
+        curvature_per_m: f64,
+        forward: bool,
+        reach_m: f64,
+        seen: impl Fn(f64, f64) -> bool,
+    ) -> f64 {
+        let step_m = self.cell_size_m * STEP_CELLS;
+        let side = if forward { 1.0 } else { -1.0 };
+        let steps = (reach_m / step_m).ceil() as usize;
+        // Only obstacles that the footprint's circle can reach on this way.
+        let hull = shape.radius_m + self.margin_m + reach_m;
+        let near = |&&((x, y), _): &&((f64, f64), f64)| x.hypot(y) <= hull;
+        let obstacles: Vec<((f64, f64), f64)> = self.points.iter().copied().zip(self.margins.iter().copied()).collect();
+        let obstacles: Vec<((f64, f64), f64)> = obstacles.iter().filter(near).copied().collect();
+        for k in 1..=steps {
+            let way_m = side * k as f64 * step_m;
+            let (x, y, turn) = along(curvature_per_m, way_m);
+            let (sin, cos) = turn.sin_cos();
+            for &((px, py), margin_m) in &obstacles {
+                let (dx, dy) = (px - x, py - y);
+                if dx * dx + dy * dy > (shape.radius_m + self.margin_m).powi(2) {
+                    continue;
+                }
+                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+                // What already touches must at least be left behind.
+                let leaves = margin_m <= 0.0 && px * side < 0.0 && ahead * side <= px * side + 1e-9;
+                if beyond < margin_m.max(0.0) && !leaves {
+                    return (k - 1) as f64 * step_m;
+                }
+            }
+            let edge = side * shape.half_length_m;
+            let sides = [-shape.half_width_m, 0.0, shape.half_width_m];
+            if !sides
+                .iter()
+                .all(|&left| seen(x + cos * edge - sin * left, y + sin * edge + cos * left))
+            {
+                return (k - 1) as f64 * step_m;
+            }
+        }
+        reach_m
+    }
+
+    /// How far the footprint can turn in place towards an angle, in radians with its sign.
+    pub fn turn_rad(&self, shape: &Shape, wanted_rad: f64) -> f64 {
+        let steps = (wanted_rad.abs() / TURN_STEP_RAD).ceil() as usize;
+        let mut free_rad = 0.0;
+        for k in 1..=steps {
+            let turn = wanted_rad * k as f64 / steps as f64;
+            let (sin, cos) = turn.sin_cos();
+            for (&(px, py), &margin_m) in self.points.iter().zip(&self.margins) {
+                if px * px + py * py > (shape.radius_m + self.margin_m).powi(2) {
+                    continue;
+                }
+                let (ahead, left) = (cos * px + sin * py, cos * py - sin * px);
+                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+                // In place half a margin is enough: nothing is approached at speed.
+                if beyond < (0.5 * margin_m).max(0.0) {
+                    return free_rad;
+                }
+            }
+            free_rad = turn;
+        }
+        wanted_rad
+    }
+}
+
+/// Place and turn after some metres of an arc.
+fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
+    let turn = curvature_per_m * way_m;
+    if turn.abs() < 1e-6 {
+        (way_m, 0.0, turn)
+    } else {
+        (turn.sin() / curvature_per_m, (1.0 - turn.cos()) / curvature_per_m, turn)
+    }
+}
+
+/// Whether a place was seen: by the present scan's nearest beams, or before, as the certainty grid remembers it. Within the
+/// footprint's reach at the start everything counts as seen: the robot came from there.
+pub(super) struct Sight<'a> {
+    pub grid: &'a CertaintyGrid,
+    pub pose: &'a Pose,
+    pub scan: Option<&'a Scan>,
+}
+
+impl Sight<'_> {
+    /// Whether a place in the body frame was seen.
+    pub fn has(&self, ahead_m: f64, left_m: f64) -> bool {
+        self.by_scan(ahead_m, left_m) || self.by_memory(ahead_m, left_m)
+    }
+
+    fn by_memory(&self, ahead_m: f64, left_m: f64) -> bool {
+        let (sin, cos) = self.pose.heading_rad.sin_cos();
+        let x_m = self.pose.x_m + cos * ahead_m - sin * left_m;
+        let y_m = self.pose.y_m + sin * ahead_m + cos * left_m;
+        let (row, column) = self.grid.cell_of(x_m, y_m);
+        (row - 1..=row + 1)
+            .any(|row| (column - 1..=column + 1).any(|column| self.grid.certainty_of((row, column)).is_some()))
+    }
+
+    fn by_scan(&self, ahead_m: f64, left_m: f64) -> bool {
+        let Some(scan) = self.scan else { return false };
+        let (dx, dy) = (ahead_m - scan.mount.x_m, left_m - scan.mount.y_m);
+        let away_m = dx.hypot(dy);
+        let bearing = wrap(dy.atan2(dx) - scan.mount.heading_rad - scan.angle_min_rad);
+        let beams = scan.ranges_m.len();
+        let step = scan.angle_increment_rad;
+        if step == 0.0 {
+            return false;
+        }
+        // The bearing may be a turn more or less, as the fan may begin anywhere.
+        let place = [
+            bearing,
+            bearing + std::f64::consts::TAU,
+            bearing - std::f64::consts::TAU,
+        ]
+        .map(|bearing| bearing / step)
+        .into_iter()
+        .find(|place| (-0.5..beams as f64 - 0.5).contains(place));
+        let Some(place) = place else { return false };
+        let nearest = place.round() as i64;
+        (nearest - 1..=nearest + 1).any(|beam| {
+            let inside = beam >= 0 && (beam as usize) < beams && (beam as f64 - place).abs() <= 1.01;
+            inside
+                && match scan.beam(beam as usize) {
+                    Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m } => {
+                        range_m >= away_m
+                    }
+                    Return::Invalid => false,
+                }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::local::CertaintyParams;
+    use proptest::prelude::*;
+
+    fn shape() -> Shape {
+        Shape {
+            half_length_m: 0.5,
+            half_width_m: 0.3,
+            radius_m: 0.583,
+            max_speed_mps: 2.0,
+            max_turn_rate_radps: 1.5,
+            turn_radius_m: 0.0,
+            reaction_s: 0.2,
+            braking_friction: 0.6,
+            braking_mps2: 1.5,
+            acceleration_mps2: 1.0,
+        }
+    }
+
+    fn around(stamps: &[(f64, f64)]) -> Surroundings {
+        let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
+        for &(x, y) in stamps {
+            grid.stamp(x, y);
+        }
+        let mut found = Surroundings::default();
+        found.gather(&grid, &Pose::level(0.0, 0.0, 0.0), &shape(), 5.0, 6, 0.1);
+        found
+    }
+
+    #[test]
+    fn the_way_ends_before_the_obstacle() {
+        let free = around(&[(3.0, 0.0)]).free_m(&shape(), 0.0, true, 5.0, |_, _| true);
+        assert!(free > 2.1 && free < 2.45, "{free}");
+        // Beside the way nothing is met; backwards neither.
+        assert_eq!(around(&[(3.0, 0.6)]).free_m(&shape(), 0.0, true, 5.0, |_, _| true), 5.0);
+        assert_eq!(
+            around(&[(3.0, 0.0)]).free_m(&shape(), 0.0, false, 5.0, |_, _| true),
+            5.0
+        );
+        // An arc to the left misses it.
+        assert_eq!(around(&[(3.0, 0.0)]).free_m(&shape(), 0.5, true, 3.0, |_, _| true), 3.0);
+    }
+
+    #[test]
+    fn ground_that_was_not_seen_is_not_entered() {
+        let free = around(&[]).free_m(&shape(), 0.0, true, 5.0, |x, _| x < 2.0);
+        assert!(free > 1.3 && free < 1.55, "{free}");
+    }
+
+    #[test]
+    fn what_stands_beside_is_left_behind_but_not_run_into() {
+        let beside = around(&[(0.3, 0.35)]);
+        assert_eq!(beside.free_m(&shape(), 0.0, true, 1.0, |_, _| true), 1.0);
+        assert!(beside.free_m(&shape(), 1.0, true, 1.0, |_, _| true) < 1.0);
+        assert!(beside.turn_rad(&shape(), 1.5).abs() < 1.0);
+    }
+
+    proptest! {
+        #[test]
+        fn another_obstacle_never_makes_the_way_longer(
+            stamps in prop::collection::vec((-3.0f64..4.0, -3.0f64..3.0), 1..8), curvature in -1.0f64..1.0, forward: bool,
+        ) {
+            let far: Vec<_> = stamps.into_iter().filter(|&(x, y)| x.hypot(y) > 0.9).collect();
+            let mut last = f64::INFINITY;
+            for count in 0..=far.len() {
+                let free = around(&far[..count]).free_m(&shape(), curvature, forward, 3.0, |_, _| true);
+                prop_assert!(free <= last);
+                last = free;
+            }
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The navigator in a closed loop with a small kinematic world, and alone with input that nobody should give.
+
+mod bad_input;
+mod closed_loop;
+mod world;
