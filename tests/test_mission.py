@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import http.server
 import json
 import re
 import subprocess
 import sys
-import threading
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +15,7 @@ import pytest
 import commands
 import raster_files
 from commands import PLAN_FILES
+from range_server import Log, serving
 from swathe import mission
 from swathe.config import Settings, TerrainRequest
 from swathe.errors import InterruptedBySignalError, TooLargeError
@@ -30,6 +26,7 @@ from swathe.rank import RankParams
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 TRACTOR = Settings(vehicle="tractor")
 # Well inside the large map, 8 km apart.
@@ -194,54 +191,17 @@ def test_a_callback_can_stop_at_every_stage(tmp_path: Path) -> None:
         assert not (tmp_path / "other").exists()
 
 
-class RangeHandler(http.server.SimpleHTTPRequestHandler):
-    """Serves parts of files and counts the bytes."""
-
-    sent = 0
-
-    def do_GET(self) -> None:
-        path = Path(self.translate_path(self.path))
-        if not path.is_file():
-            self.send_error(404)
-            return
-        size = path.stat().st_size
-        span = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
-        first, last = (int(span[1]), min(int(span[2]), size - 1)) if span else (0, size - 1)
-        self.send_response(206 if span else 200)
-        self.send_header("Accept-Ranges", "bytes")
-        if span:
-            self.send_header("Content-Range", f"bytes {first}-{last}/{size}")
-        self.send_header("Content-Length", str(last + 1 - first))
-        self.end_headers()
-        if self.command == "GET":
-            with path.open("rb") as file, contextlib.suppress(OSError):  # the reader may have heard enough
-                file.seek(first)
-                type(self).sent += last + 1 - first
-                self.wfile.write(file.read(last + 1 - first))
-
-    do_HEAD = do_GET  # noqa: N815 - the handler's name for it
-
-    def log_message(self, *_: object) -> None:
-        pass
-
-
 @pytest.fixture
-def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """The address of a server of ``tmp_path``."""
+def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Log]:
+    """A server of ``tmp_path`` and what it has sent."""
     for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
         monkeypatch.delenv(name, raising=False)
-    RangeHandler.sent = 0
-    handler = functools.partial(RangeHandler, directory=str(tmp_path))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as running:
-        thread = threading.Thread(target=running.serve_forever)
-        thread.start()
-        yield f"http://127.0.0.1:{running.server_address[1]}"
-        running.shutdown()
-        thread.join()
+    with serving(tmp_path) as log:
+        yield log
 
 
 def test_a_plan_over_a_map_on_a_server_fetches_only_a_part(
-    server: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    server: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rough = np.random.default_rng(1).random((2000, 2000), dtype=np.float32)
     path = raster_files.write(
@@ -250,21 +210,21 @@ def test_a_plan_over_a_map_on_a_server_fetches_only_a_part(
     ends = ("770000,4020000", "772000,4018500")
     words = ("--vehicle", "tractor", "--json", "--out")
     remote = commands.run_here(
-        capsys, *commands.way(f"{server}/cog.tif", *words, str(tmp_path / "remote"), from_to=ends)
+        capsys, *commands.way(f"{server.address}/cog.tif", *words, str(tmp_path / "remote"), from_to=ends)
     )
     assert remote.code == 0, remote
-    assert remote.answer["inputs"] == [{"name": f"{server}/cog.tif", "sha256": "remote"}]
-    assert 0 < RangeHandler.sent < path.stat().st_size / 2
+    assert remote.answer["inputs"] == [{"name": f"{server.address}/cog.tif", "sha256": "remote"}]
+    assert 0 < server.sent < path.stat().st_size / 2
     local = commands.run_here(capsys, *commands.way(path, *words, str(tmp_path / "local"), from_to=ends))
     assert local.code == 0
     assert legs(tmp_path / "remote") == legs(tmp_path / "local")
 
 
 def test_what_a_server_does_not_have_is_missing(
-    server: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    server: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    finished = commands.run_here(capsys, *commands.way(f"{server}/no.tif", "--json", "--out", str(out)))
+    finished = commands.run_here(capsys, *commands.way(f"{server.address}/no.tif", "--json", "--out", str(out)))
     assert (finished.code, finished.answer["kind"]) == (4, "missing_file")
     assert not out.exists()
 
