@@ -7,14 +7,21 @@ seeds give the same bytes; only ``Outcome.longest_step_s`` is measured with a cl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from swathe import _core
+from swathe.errors import InvalidParameterError
+from swathe.sensor import PenetrometerReading
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
     from numpy.typing import NDArray
 
-    from swathe.sensor import PenetrometerReading
+    from swathe.drive import Navigator
+    from swathe.sim import Robot, World
 
 #: Status of a command by its code in ``Commands.status``.
 STATUSES = ("driving", "recovering", "reached", "stopped", "no_route", "fault")
@@ -96,8 +103,8 @@ class CertaintyMap(NamedTuple):
 class Histogram(NamedTuple):
     """The polar histogram of the local method at a time.
 
-    ``fields``: ``densities`` by sector counter-clockwise from east, ``thresholds``, ``blocked`` and ``masked`` by sector
-    where the method has them, ``direction_rad`` (None when every direction is closed).
+    ``fields``: ``densities`` by sector counter-clockwise from east, ``thresholds``, ``blocked`` and ``masked`` by
+    sector where the method has them, ``direction_rad`` (None when every direction is closed).
     """
 
     time_s: float
@@ -188,7 +195,8 @@ class Outcome:
         no_go_entries: how often the body came onto ground beyond its vehicle's limits.
         goal_distance_m: true distance to the goal at the end.
         top_speed_mps: greatest true speed.
-        longest_step_s: longest step of the navigator by the computer's clock; the one figure that differs from run to run.
+        longest_step_s: longest step of the navigator by the computer's clock; the one figure that differs from run to
+            run.
     """
 
     status: Literal["reached", "not_reached", "collision", "timeout"]
@@ -204,3 +212,126 @@ class Outcome:
     goal_distance_m: float
     top_speed_mps: float
     longest_step_s: float
+
+
+FaultKind = Literal[
+    "scan_dead",
+    "scan_nan",
+    "scan_zero",
+    "scan_beams",
+    "scan_max",
+    "scan_repeated",
+    "scan_late",
+    "scan_swapped",
+    "pose_off",
+    "clock_off",
+    "reading_of",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong between the sensors and the navigator, from one time up to another.
+
+    ``scan_dead``: no scan comes. ``scan_nan``, ``scan_zero``, ``scan_max``: every range is that. ``scan_beams``: a scan
+    has ``figures[0]`` beams. ``scan_repeated``: the first scan comes again and again. ``scan_late``: scans come
+    ``figures[0]`` seconds later. ``scan_swapped``: every other scan comes after the next. ``pose_off``: the pose is off
+    by ``figures`` (east, north, heading). ``clock_off``: the clock is off by ``figures[0]`` seconds. ``reading_of``:
+    penetrometer readings say ``figures[0]`` kPa.
+    """
+
+    kind: FaultKind
+    from_s: float = 0.0
+    until_s: float = float("inf")
+    figures: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeParams:
+    """How an episode runs.
+
+    Attributes:
+        control_period_s: seconds between steps of the navigator; None for 1/35, one a scan of the SICK LMS 200.
+        time_limit_s: simulated seconds after which it ends as ``timeout``.
+        patience_s: seconds standing without a way, or with a fault, after which it ends as ``not_reached``.
+        stops_at_collision: whether the first collision ends it.
+        records: whether rows, maps and histograms are recorded; events and the outcome always are.
+        faults: what goes wrong with the sensors, and when.
+    """
+
+    control_period_s: float | None = None
+    time_limit_s: float = 600.0
+    patience_s: float = 15.0
+    stops_at_collision: bool = True
+    records: bool = True
+    faults: tuple[Fault, ...] = ()
+
+
+class Episode:
+    """A drive in the simulated world, from its beginning on.
+
+    The robot and the navigator stay the caller's: between two calls of ``advance`` they may be looked at, and the
+    navigator may be given a new goal or new knowledge.
+    """
+
+    def __init__(
+        self, world: World, robot: Robot, navigator: Navigator, *, params: EpisodeParams | None = None
+    ) -> None:
+        """Begin an episode with the robot as it is.
+
+        Raises:
+            InvalidParameterError: the robot is in another world, or a parameter is outside its range.
+        """
+        if not robot.core.is_in(world.core):
+            raise InvalidParameterError("The robot is in another world.", "Give the world that the robot was put into.")
+        given = params or EpisodeParams()
+        figures = asdict(given)
+        figures["faults"] = [(fault.from_s, fault.until_s, fault.kind, list(fault.figures)) for fault in given.faults]
+        self._core = _core.Episode(robot.core, navigator.core, figures)
+
+    def advance(self, seconds: float = 1.0) -> Second:
+        """Drive on for some seconds, or to the end, and return what happened."""
+        return _second(self._core.advance(seconds))
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How it ended; None while it goes on."""
+        told = self._core.outcome()
+        return None if told is None else Outcome(**told)
+
+    def seconds(self, seconds: float = 1.0) -> Iterator[Second]:
+        """Drive to the end, piece by piece."""
+        while self._core.outcome() is None:
+            yield self.advance(seconds)
+
+    def run(self) -> Outcome:
+        """Drive to the end and return how it went; what was recorded on the way is let go."""
+        while (outcome := self.outcome) is None:
+            self._core.advance(10.0)
+        return outcome
+
+    def ask_for_probe(self) -> None:
+        """Have the robot stop and probe the soil, as an operator would."""
+        self._core.ask_for_probe()
+
+
+def _second(told: dict[str, Any]) -> Second:
+    return Second(
+        start_s=told["start_s"],
+        end_s=told["end_s"],
+        scans=Scans(**told["scans"]),
+        odometry=Motion(**told["odometry"]),
+        truth=Motion(**told["truth"]),
+        commands=Commands(**told["commands"]),
+        events=[Event(*event) for event in told["events"]],
+        ways=[Line(*line) for line in told["ways"]],
+        routes=[Line(*line) for line in told["routes"]],
+        maps=[CertaintyMap(*window) for window in told["maps"]],
+        histograms=[Histogram(*row) for row in told["histograms"]],
+        movers=Movers(**told["movers"]),
+        readings=[
+            Reading(time_s, PenetrometerReading(place[0], place[1], tuple(depths_m), tuple(indices_kpa), refusal_m))
+            for time_s, (place, depths_m, indices_kpa, refusal_m) in told["readings"]
+        ],
+        grids=Grids(**told["grids"]),
+    )
