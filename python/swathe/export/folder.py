@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SUMMARY = "summary.json"
+RUN_LOG = "run.mcap"
 
 #: The pictures of ``swathe figures`` in the order in which a reader meets them.
 FIGURES = (
@@ -31,6 +32,9 @@ FIGURES = (
     "global-path.png",
 )
 
+#: The pictures of a drive in the order in which a reader meets them.
+DRIVE_PICTURES = ("drive-map.png", "drive.gif", "drive-frames.png", "drive-profile.png")
+
 #: Every file that a run may leave; a folder that holds anything else is not ours.
 OUR_FILES = frozenset(
     {
@@ -43,6 +47,8 @@ OUR_FILES = frozenset(
         "report.html",
         "animation.gif",
         "animation.html",
+        RUN_LOG,
+        *DRIVE_PICTURES,
         "index.html",
         *FIGURES,
     }
