@@ -111,7 +111,11 @@ impl SoilUpdate {
             Extent::Unit(unit) => {
                 let known = *unit != 0 && ids.binary_search(unit).is_ok();
                 let problem = "is not on the map";
-                if known { Ok(()) } else { Err(BeliefError::Unit { unit: *unit, problem }) }
+                if known {
+                    Ok(())
+                } else {
+                    Err(BeliefError::Unit { unit: *unit, problem })
+                }
             }
             Extent::Disc { at, radius_m } => {
                 if !(radius_m.is_finite() && *radius_m >= 0.0) {
@@ -128,7 +132,9 @@ impl SoilUpdate {
                     return refuse("number of cells", 0.0, "at least one is needed");
                 }
                 let outside = |cell: &&Cell| cell.row >= geometry.rows() || cell.column >= geometry.columns();
-                let Some(cell) = cells.iter().find(outside) else { return Ok(()) };
+                let Some(cell) = cells.iter().find(outside) else {
+                    return Ok(());
+                };
                 Err(BeliefError::Grid(crate::grid::GridError::OutsideGrid {
                     row: cell.row as i64,
                     column: cell.column as i64,

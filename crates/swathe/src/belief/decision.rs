@@ -101,9 +101,11 @@ impl Going {
     fn best_within(&self, chances: &PerClass, goodness: u8) -> SoilClass {
         let fits = |k: &usize| self.carries_by_table(*k) && CLASSES[*k].goodness(self.table) <= goodness;
         let goodness_of = |k: usize| CLASSES[k].goodness(self.table);
-        let best = (0..CLASS_COUNT)
-            .filter(fits)
-            .max_by(|&a, &b| goodness_of(a).cmp(&goodness_of(b)).then(chances[a].total_cmp(&chances[b])));
+        let best = (0..CLASS_COUNT).filter(fits).max_by(|&a, &b| {
+            goodness_of(a)
+                .cmp(&goodness_of(b))
+                .then(chances[a].total_cmp(&chances[b]))
+        });
         best.map_or(SoilClass::Rock, |k| CLASSES[k])
     }
 
@@ -205,7 +207,11 @@ impl SoilBelief {
         let by_map = risk(&prior, &std::array::from_fn(|k| !going.carries_by_table(k)));
         let go = found.go || (carries && found.no_go_probability <= by_map + 1e-12);
         if !go {
-            return if carries { found } else { stays(found.no_go_probability, false) };
+            return if carries {
+                found
+            } else {
+                stays(found.no_go_probability, false)
+            };
         }
         let least = mapped.goodness(going.table);
         let confirmed = carries && going.at_least(&chances, least) >= going.at_least(&prior, least) - 1e-12;

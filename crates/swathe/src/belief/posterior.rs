@@ -406,7 +406,10 @@ impl SoilBelief {
     /// [`BeliefError`] when the update is not usable; the belief is then as it was.
     pub fn redraw(&mut self, update: &SoilUpdate) -> Result<Vec<u32>, BeliefError> {
         let count = self.units.len();
-        let (base, base_units) = self.mapped.get_or_insert_with(|| (Arc::clone(&self.ground), count)).clone();
+        let (base, base_units) = self
+            .mapped
+            .get_or_insert_with(|| (Arc::clone(&self.ground), count))
+            .clone();
         update.check(&self.geometry(), &base.ids)?;
         let at = self.areas.partition_point(|known| known.order(update).is_le());
         self.areas.insert(at, update.clone());
@@ -443,7 +446,14 @@ impl SoilBelief {
         for (index, &place) in places.data().iter().enumerate() {
             cells[place as usize].push(index as u32);
         }
-        let before = std::mem::replace(&mut self.ground, Arc::new(Ground { units: places, ids, cells }));
+        let before = std::mem::replace(
+            &mut self.ground,
+            Arc::new(Ground {
+                units: places,
+                ids,
+                cells,
+            }),
+        );
         Ok(self.place_again(&before, at + base_units))
     }
 
@@ -452,7 +462,9 @@ impl SoilBelief {
         let geometry = self.geometry();
         let mut moved = false;
         for reading in &mut self.readings {
-            let Some(cell) = geometry.cell_at(reading.at) else { continue };
+            let Some(cell) = geometry.cell_at(reading.at) else {
+                continue;
+            };
             let unit = self.ground.units[cell] as usize;
             moved |= before.ids[before.units[cell] as usize] != self.ground.ids[unit] || unit >= drawn;
             reading.unit = unit;

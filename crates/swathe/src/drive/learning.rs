@@ -1,7 +1,7 @@
 //! What the navigator learns of the ground: readings, news from outside, and what follows for grids, window and route.
 
 use crate::belief::SoilUpdate;
-use crate::grid::Position;
+use crate::grid::{GridGeometry, Layer, Position};
 use crate::nest::GridsParams;
 use crate::vehicle::Vehicle;
 
@@ -10,6 +10,10 @@ use super::knowledge::{Knowledge, Learnt, RouteChange};
 use super::navigator::{Navigator, Observation};
 use super::params::{DriveError, DriveParams, OutsideNests};
 use super::region::{RegionState, Source};
+use super::steer::Histogram;
+
+/// Certainty of a cell where nothing was seen, in [`Navigator::certainty_window`].
+pub const UNSEEN: u8 = u8::MAX;
 
 impl Navigator {
     /// A navigator on ground that readings and updates teach it more of; `grids` are the usual ones where not given.
@@ -43,6 +47,24 @@ impl Navigator {
             (None, Some(source)) => source.route(),
             (None, None) => &[],
         }
+    }
+
+    /// The polar histogram of the last step in which the local method was asked; `None` before the first.
+    pub fn histogram(&self) -> Option<Histogram> {
+        self.local.histogram()
+    }
+
+    /// The certainty grid as a layer, never `None` in practice: 0 to [`crate::local::CERTAINTY_MAX`], [`UNSEEN`] where nothing was seen.
+    pub fn certainty_window(&self) -> Option<Layer<u8>> {
+        let (side, size) = (self.grid.side_cells(), self.grid.params().cell_size_m);
+        let middle = self.grid.middle_m();
+        let (row, column) = self.grid.cell_of(middle.0, middle.1);
+        let first = (row - side as i64 / 2, column - side as i64 / 2);
+        let cell = |index: usize| (first.0 + (index / side) as i64, first.1 + (index % side) as i64);
+        let data = (0..side * side).map(|index| self.grid.certainty_of(cell(index)).unwrap_or(UNSEEN));
+        let (west_m, north_m) = (first.1 as f64 * size, -first.0 as f64 * size);
+        let geometry = GridGeometry::new(side, side, size, west_m, north_m).ok()?;
+        Layer::new(geometry, data.collect(), "the certainty").ok()
     }
 
     /// Begins with the region at the first pose.

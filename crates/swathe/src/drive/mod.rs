@@ -23,6 +23,8 @@ mod watch;
 
 pub use event::{Command, Event, Reason, Recovery, Status};
 pub use knowledge::{Knowledge, KnownMap, Learnt, Outlook, ProbeSite, RouteChange, Standing};
+pub use learning::UNSEEN;
 pub use navigator::{Navigator, Observation};
 pub use params::{DriveError, DriveParams, Method, OutsideNests};
 pub use region::Region;
+pub use steer::Histogram;

@@ -140,7 +140,9 @@ impl Navigator {
                 chosen: None,
             });
         }
-        let Some(plan) = &mut self.probing.plan else { return false };
+        let Some(plan) = &mut self.probing.plan else {
+            return false;
+        };
         if let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
             let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
             knowledge.weigh(outlook, dead_end_s);

@@ -174,7 +174,8 @@ impl RegionState {
 
     /// Whether no-go ground is known to lie between robot and goal.
     pub fn is_cut_off(&self) -> bool {
-        self.knowledge().is_some_and(|knowledge| knowledge.standing() == Standing::CutOff)
+        self.knowledge()
+            .is_some_and(|knowledge| knowledge.standing() == Standing::CutOff)
     }
 
     /// Lets the grids follow changed ranks.
@@ -187,7 +188,9 @@ impl RegionState {
         }
         if let Some((low, high)) = window {
             let (rows, columns) = (low.row..high.row + 1, low.column..high.column + 1);
-            let refreshed = self.grids.refresh(rows, columns, &RankCodes(self.source.ranks().view()));
+            let refreshed = self
+                .grids
+                .refresh(rows, columns, &RankCodes(self.source.ranks().view()));
             debug_assert!(refreshed.is_ok());
         }
     }

@@ -128,7 +128,9 @@ impl Knowledge {
         if belief.geometry() != geometry {
             let (expected, found) = (geometry.cell_count(), belief.geometry().cell_count());
             let what = "the soil belief";
-            return Err(crate::rank::RankError::Grid(crate::grid::GridError::ShapeMismatch { what, expected, found }).into());
+            return Err(
+                crate::rank::RankError::Grid(crate::grid::GridError::ShapeMismatch { what, expected, found }).into(),
+            );
         }
         let going = Going::new(&map.vehicle, map.rank.moisture_percent, map.rank.soil_table)?;
         let mut codes = Layer::filled(geometry, 0);
@@ -137,19 +139,26 @@ impl Knowledge {
         let mapped = map.soil.as_ref().unwrap_or(&unknown);
         ranker(&map, mapped)?;
         let columns = geometry.columns();
-        codes.data_mut().par_chunks_mut(columns).enumerate().for_each(|(row, codes)| {
-            for (column, code) in codes.iter_mut().enumerate() {
-                *code = judged(&map, &belief, &going, Cell::new(row, column));
-            }
-        });
+        codes
+            .data_mut()
+            .par_chunks_mut(columns)
+            .enumerate()
+            .for_each(|(row, codes)| {
+                for (column, code) in codes.iter_mut().enumerate() {
+                    *code = judged(&map, &belief, &going, Cell::new(row, column));
+                }
+            });
         let ranks = ranker(&map, &codes)?.rank_all();
         let ranks = ranks.cells().data().iter().map(|rank| rank.rank()).collect();
         let ranks = Layer::new(geometry, ranks, "the rank map").map_err(crate::rank::RankError::from)?;
         let nests = NestCells::new(&ranks, map.nest)?;
         let heights = map.elevation_m.view();
-        let Vehicle { grade_up, grade_down, .. } = map.vehicle;
+        let Vehicle {
+            grade_up, grade_down, ..
+        } = map.vehicle;
         let side_slope = map.vehicle.max_side_slope();
-        let slope = |cell| gradient_at(heights, cell).map_or(0, |it| allowed_headings(it, grade_up, grade_down, side_slope));
+        let slope =
+            |cell| gradient_at(heights, cell).map_or(0, |it| allowed_headings(it, grade_up, grade_down, side_slope));
         let slopes = geometry.cells().map(slope).collect();
         let slopes = Layer::new(geometry, slopes, "the slopes").map_err(crate::rank::RankError::from)?;
         let mut knowledge = Self {
@@ -254,6 +263,14 @@ impl Knowledge {
         self.slopes[cell] >> nearest_heading(heading_rad) & 1 == 1
     }
 
+    /// Probability of each of [`crate::belief::CLASSES`] at a place, and of ground that does not carry the vehicle; `None`
+    /// outside the map.
+    pub fn soil_at(&self, at: Position) -> Option<(PerClass, f64)> {
+        let cell = self.geometry().cell_at(at)?;
+        let decision = self.belief.decide(cell, &self.going);
+        Some((self.belief.class_probabilities(cell), decision.no_go_probability))
+    }
+
     /// Finds the global way from a place to a goal.
     pub fn lay(&mut self, at: Position, goal: Position) -> RouteChange {
         self.way.aim(at, goal);
@@ -302,7 +319,11 @@ impl Knowledge {
             cone_index_kpa,
             ranks: applied.ranks,
             nest_cells: (applied.gained, applied.lost),
-            nest_count: if moved { self.nests().ok().map(|nests| nests.count()) } else { None },
+            nest_count: if moved {
+                self.nests().ok().map(|nests| nests.count())
+            } else {
+                None
+            },
             route,
         }
     }
@@ -343,7 +364,11 @@ impl Knowledge {
         let toggled = self.nests.update(done.ranks.iter().map(|change| change.0), &self.ranks);
         done.gained = toggled.iter().filter(|&&cell| self.nests.holds(cell)).count();
         done.lost = toggled.len() - done.gained;
-        done.touched = recoded.iter().map(|&(index, _)| geometry.cell(index)).chain(toggled).collect();
+        done.touched = recoded
+            .iter()
+            .map(|&(index, _)| geometry.cell(index))
+            .chain(toggled)
+            .collect();
         done.touched.sort_unstable();
         done.touched.dedup();
         if let Some(headings) = self.headings.take() {

@@ -49,7 +49,6 @@ impl NestCells {
         self.flags.data()[index] & NEST > 0
     }
 
-
     /// Labels and sizes of the nests.
     ///
     /// # Errors

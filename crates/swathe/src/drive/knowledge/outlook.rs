@@ -55,7 +55,11 @@ impl Knowledge {
         for &place in rest {
             let piece_m = before.distance_m(place);
             while due_m <= along_m + piece_m && due_m <= reach_m {
-                let share = if piece_m > 0.0 { (due_m - along_m) / piece_m } else { 1.0 };
+                let share = if piece_m > 0.0 {
+                    (due_m - along_m) / piece_m
+                } else {
+                    1.0
+                };
                 let site = before.towards(place, share);
                 due_m += spacing_m;
                 let is_near = |known: Position| known.distance_m(site) < spacing_m;
@@ -137,7 +141,8 @@ impl Knowledge {
             let spread = soil.cone_index_ln_kpa;
             let middle_kpa = (spread.mean + deviations * spread.deviation).exp();
             let is_refused = soil.refusal >= 0.5;
-            let sample = |depth: f64| (middle_kpa + soil.gradient_kpa_per_m.mean * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
+            let sample =
+                |depth: f64| (middle_kpa + soil.gradient_kpa_per_m.mean * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
             Observation::Reading(PenetrometerReading {
                 x_m: at.x_m,
                 y_m: at.y_m,

@@ -58,7 +58,14 @@ impl<'a> Known<'a> {
     pub fn ground(&self, headings: Headings, goal: Position) -> Ground<'a> {
         let (map, codes) = (self.map, self.codes);
         let moisture = map.rank.moisture_percent;
-        Ground::on(map.elevation_m.view(), Some(codes.view()), &map.vehicle, moisture, headings, goal)
+        Ground::on(
+            map.elevation_m.view(),
+            Some(codes.view()),
+            &map.vehicle,
+            moisture,
+            headings,
+            goal,
+        )
     }
 
     /// The ground of all nests, looked at for the first time.
@@ -81,7 +88,15 @@ impl<'a> Known<'a> {
             ranks[cell] >= 2 && !self.nests.holds(cell)
         });
         let heights = map.elevation_m.view();
-        Ground::new(heights, Some(codes.view()), &map.vehicle, moisture, is_open, Some(bridged), goal)
+        Ground::new(
+            heights,
+            Some(codes.view()),
+            &map.vehicle,
+            moisture,
+            is_open,
+            Some(bridged),
+            goal,
+        )
     }
 
     fn geometry(&self) -> GridGeometry {
@@ -95,7 +110,9 @@ impl<'a> Known<'a> {
         if self.nests.holds(own) {
             return Some(own);
         }
-        let near = disc(SNAP_CELLS).into_iter().filter_map(|step| step.from(&geometry, own));
+        let near = disc(SNAP_CELLS)
+            .into_iter()
+            .filter_map(|step| step.from(&geometry, own));
         let away = |cell: &Cell| geometry.centre(*cell).distance_m(at);
         let near = near.filter(|&cell| self.nests.holds(cell));
         near.min_by(|a, b| away(a).total_cmp(&away(b)).then(a.cmp(b)))

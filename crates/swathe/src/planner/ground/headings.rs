@@ -86,7 +86,11 @@ impl<'a> Ground<'a> {
 
     /// Works out the speed that no piece exceeds; where nothing is open any will do.
     fn note_fastest(&mut self) {
-        let met = self.soils.iter().enumerate().filter(|(code, _)| self.soils_met >> code & 1 == 1);
+        let met = self
+            .soils
+            .iter()
+            .enumerate()
+            .filter(|(code, _)| self.soils_met >> code & 1 == 1);
         let fastest_mps = met.fold(0.0, |fastest: f64, (_, soil)| fastest.max(soil.speed_mps));
         self.fastest_mps = if fastest_mps > 0.0 {
             fastest_mps
