@@ -5,14 +5,14 @@ use std::time::Instant;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::drive::{Event, Recovery};
 use swathe::episode::{Actors, EpisodeParams, Fault, FaultKind, Happening, MotionRows, Outcome, ScanRows, Second};
 use swathe::grid::Position;
 use swathe::sensor::{Mount, Pose};
 
-use crate::convert::entry;
+use crate::convert::{array, entry};
 use crate::drive::Navigator;
 use crate::error::{CoreError, invalid};
+use crate::events::event_fields;
 use crate::sim::{SimRobot, no_go_word, reading_figures};
 
 /// Start, end, kind, figures.
@@ -58,85 +58,15 @@ fn params(dict: &Bound<'_, PyDict>) -> PyResult<EpisodeParams> {
     })
 }
 
-fn place(at: &Position) -> (f64, f64) {
-    (at.x_m, at.y_m)
-}
-
-fn recovery_word(recovery: &Recovery) -> &'static str {
-    match recovery {
-        Recovery::TurnInPlace { .. } => "turn_in_place",
-        Recovery::BackOff { .. } => "back_off",
-        Recovery::Retreat { .. } => "retreat",
-    }
-}
-
-/// Kind and fields of what the navigator told; fields hold what JSON can hold.
-fn drive_event<'py>(py: Python<'py>, event: &Event) -> PyResult<(&'static str, Bound<'py, PyDict>)> {
-    let fields = PyDict::new(py);
-    let kind = match event {
-        Event::Status { status, reason } => {
-            fields.set_item("status", status.name())?;
-            fields.set_item("reason", reason.text())?;
-            "status"
-        }
-        Event::Navigability {
-            grids,
-            navigable,
-            disagreement,
-        } => {
-            fields.set_item("grids", grids)?;
-            fields.set_item("navigable", navigable)?;
-            fields.set_item("disagreement", disagreement)?;
-            "navigability"
-        }
-        Event::ScanRefused { reason } => {
-            fields.set_item("reason", reason.text())?;
-            "scan_refused"
-        }
-        Event::PoseJump { distance_m } => {
-            fields.set_item("distance_m", distance_m)?;
-            "pose_jump"
-        }
-        Event::Route { length_m, afresh } => {
-            fields.set_item("length_m", length_m)?;
-            fields.set_item("afresh", afresh)?;
-            "route"
-        }
-        Event::LocalClosed => "local_closed",
-        Event::Trap { reason } => {
-            fields.set_item("reason", reason.text())?;
-            "trap"
-        }
-        Event::Recovery { recovery, attempt } => {
-            fields.set_item("recovery", recovery_word(recovery))?;
-            fields.set_item("attempt", attempt)?;
-            "recovery"
-        }
-        Event::Stamped { at } => {
-            fields.set_item("at_m", place(at))?;
-            "stamped"
-        }
-        Event::WindowGrown { cells } => {
-            fields.set_item("cells", cells)?;
-            "window_grown"
-        }
-        Event::Slip { share } => {
-            fields.set_item("share", share)?;
-            "slip"
-        }
-        Event::ReadingTaken { changed } => {
-            fields.set_item("changed", changed)?;
-            "reading_taken"
-        }
-        Event::ReadingRefused => "reading_refused",
-    };
-    Ok((kind, fields))
+fn place(fields: &Bound<'_, PyDict>, at: &Position) -> PyResult<()> {
+    fields.set_item("x_m", at.x_m)?;
+    fields.set_item("y_m", at.y_m)
 }
 
 fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, Bound<'py, PyDict>)> {
     let fields = PyDict::new(py);
     let kind = match told {
-        Happening::Drive(event) => return drive_event(py, event),
+        Happening::Drive(event) => return Ok((event.kind(), event_fields(py, event)?)),
         Happening::FaultBegins(kind) => {
             fields.set_item("fault", kind)?;
             "fault_begins"
@@ -146,7 +76,7 @@ fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, 
             "fault_ends"
         }
         Happening::ProbeBegins { at, seconds } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("seconds", seconds)?;
             "probe_begins"
         }
@@ -155,14 +85,14 @@ fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, 
             moves,
             seen_in_time,
         } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("moves", moves)?;
             fields.set_item("seen_in_time", seen_in_time)?;
             "collision"
         }
         Happening::Sunk => "sunk",
         Happening::NoGoEntered { at, reason } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("reason", no_go_word(*reason))?;
             "no_go_entered"
         }
@@ -247,8 +177,9 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
         .maps
         .into_iter()
         .map(|map| {
-            let certainty = PyArray1::from_vec(py, map.certainty).reshape([map.side, map.side])?;
-            Ok((map.time_s, certainty, map.west_m, map.north_m, map.cell_size_m))
+            let grid = map.certainty.geometry();
+            let certainty = array(py, grid, map.certainty.into_data())?;
+            Ok((map.time_s, certainty, grid.west_m(), grid.north_m(), grid.cell_size_m()))
         })
         .collect();
     dict.set_item("maps", maps?)?;
@@ -256,12 +187,12 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
         .histograms
         .into_iter()
         .map(|row| {
-            let fields = PyDict::new(py);
-            fields.set_item("densities", row.densities)?;
-            fields.set_item("thresholds", row.thresholds)?;
-            fields.set_item("blocked", row.blocked)?;
-            fields.set_item("masked", row.masked)?;
-            fields.set_item("direction_rad", row.direction_rad)?;
+            let (fields, shown) = (PyDict::new(py), row.histogram);
+            fields.set_item("densities", shown.densities)?;
+            fields.set_item("thresholds", shown.thresholds)?;
+            fields.set_item("blocked", shown.blocked)?;
+            fields.set_item("first_rad", shown.first_rad)?;
+            fields.set_item("direction_rad", shown.direction_rad)?;
             Ok((row.time_s, fields))
         })
         .collect();

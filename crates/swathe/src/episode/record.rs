@@ -6,7 +6,7 @@ use crate::sensor::{PenetrometerReading, Pose};
 use crate::sim::{BodyState, World};
 
 use super::fault::Taken;
-use super::second::{CertaintyMap, CommandRows, Happening, Second, status_code};
+use super::second::{CertaintyMap, CommandRows, Happening, HistogramRow, Second, status_code};
 
 /// Seconds from one map, and from one histogram or row of movers, to the next.
 const MAP_S: f64 = 1.0;
@@ -28,6 +28,7 @@ pub(super) struct Told<'a> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Recorder {
     way: Vec<Position>,
+    route: Vec<Position>,
     maps: u64,
     histograms: u64,
 }
@@ -65,9 +66,25 @@ impl Recorder {
             self.way.extend_from_slice(way);
         }
         if due(&mut self.maps, time_s, MAP_S) {
-            second.maps.push(map(navigator, time_s));
+            let window = navigator.certainty_window();
+            second
+                .maps
+                .extend(window.map(|certainty| CertaintyMap { time_s, certainty }));
         }
-        if due(&mut self.histograms, time_s, HISTOGRAM_S) && !world.movers().is_empty() {
+        let route = navigator.global_route();
+        if self.route != route {
+            second.routes.push((time_s, route.to_vec()));
+            self.route.clear();
+            self.route.extend_from_slice(route);
+        }
+        if !due(&mut self.histograms, time_s, HISTOGRAM_S) {
+            return;
+        }
+        let histogram = navigator.histogram();
+        second
+            .histograms
+            .extend(histogram.map(|histogram| HistogramRow { time_s, histogram }));
+        if !world.movers().is_empty() {
             second.movers.times_s.push(time_s);
             second
                 .movers
@@ -90,23 +107,6 @@ fn push_command(rows: &mut CommandRows, time_s: f64, command: &Command) {
     rows.speeds_mps.push(command.speed_mps);
     rows.turn_rates_radps.push(command.turn_rate_radps);
     rows.statuses.push(status_code(command.status));
-}
-
-fn map(navigator: &Navigator, time_s: f64) -> CertaintyMap {
-    let grid = navigator.certainty();
-    let (side, cell_size_m) = (grid.side_cells(), grid.params().cell_size_m);
-    let (x_m, y_m) = grid.middle_m();
-    let mut certainty = vec![0; side * side];
-    grid.copy_window(x_m, y_m, side, &mut certainty);
-    let half_m = side as f64 * cell_size_m / 2.0;
-    CertaintyMap {
-        time_s,
-        certainty,
-        side,
-        west_m: x_m - half_m,
-        north_m: y_m + half_m,
-        cell_size_m,
-    }
 }
 
 /// The navigator's events that are told as such: what the grids say has rows of its own.

@@ -1,7 +1,7 @@
 //! What is recorded of an episode: rows, maps and events, in the order in which they came.
 
 use crate::drive::{self, Status};
-use crate::grid::Position;
+use crate::grid::{Layer, Position};
 use crate::sensor::{PenetrometerReading, Pose, Scan};
 use crate::sim::NoGo;
 
@@ -83,16 +83,8 @@ pub fn status_code(status: Status) -> u8 {
 pub struct CertaintyMap {
     /// When.
     pub time_s: f64,
-    /// Certainties, rows from north to south.
-    pub certainty: Vec<u8>,
-    /// Cells along a side.
-    pub side: usize,
-    /// West edge in metres.
-    pub west_m: f64,
-    /// North edge in metres.
-    pub north_m: f64,
-    /// Side of a cell in metres.
-    pub cell_size_m: f64,
+    /// Certainties as [`drive::Navigator::certainty_window`] gives them.
+    pub certainty: Layer<u8>,
 }
 
 /// The local method's histogram at a time.
@@ -100,16 +92,8 @@ pub struct CertaintyMap {
 pub struct HistogramRow {
     /// When.
     pub time_s: f64,
-    /// Density of every sector, counter-clockwise from east.
-    pub densities: Vec<f32>,
-    /// Densities from which on a sector is blocked, and below which it is open.
-    pub thresholds: Vec<f32>,
-    /// Whether a sector is blocked; empty for a method that has no such step.
-    pub blocked: Vec<bool>,
-    /// Whether a sector is blocked or out of reach of the turning circle; empty likewise.
-    pub masked: Vec<bool>,
-    /// The chosen direction counter-clockwise from east; `None` when all are closed.
-    pub direction_rad: Option<f64>,
+    /// What the method saw and chose.
+    pub histogram: drive::Histogram,
 }
 
 /// Where what moves was.
