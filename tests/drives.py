@@ -33,6 +33,8 @@ HEADER = LogHeader(
     inputs={"dem.tif": "ab" * 32},
     files={"crates.json": b"[]"},
 )
+CERTAINTIES = np.array([*range(16), 255], np.uint8)
+HISTOGRAM = {"densities": [0.0, 1.5], "thresholds": [1.0, 2.0], "first_rad": 0.1, "direction_rad": None}
 OUTCOME = {"status": "reached", "reason": "At the goal.", "distance_m": 12.5, "min_clearance_m": None}
 
 
@@ -55,8 +57,8 @@ def made_second(start_s: float = 0.0, *, steps: int = 35, beams: int = 181, seed
         "events": [Event(start_s + 0.5, "obstacle_seen", {"range_m": float(drawn.uniform()), "words": "ä <b>"})],
         "ways": [Line(start_s + 0.1, drawn.normal(size=(n, 2))) for n in (0, 1, 5)],
         "routes": [Line(start_s, drawn.normal(size=(3, 2)))],
-        "maps": [CertaintyMap(start_s, drawn.integers(0, 16, (7, 5), np.uint8), -3.0, 4.0, 0.1)],
-        "histograms": [Histogram(start_s, {"densities": [0.0, 1.5], "thresholds": [1.0, 2.0], "direction_rad": None})],
+        "maps": [CertaintyMap(start_s, drawn.choice(CERTAINTIES, (7, 5)), -3.0, 4.0, 0.1)],
+        "histograms": [Histogram(start_s, HISTOGRAM)],
         "movers": Movers(times_s[:2], drawn.normal(size=(len(times_s[:2]), 2, 2)), np.array([0.3, 0.4])),
         "readings": [Reading(start_s + 0.2, PenetrometerReading(1.0, 2.0, (0.1, 0.2), (300.0, 410.5), None))],
         "grids": Grids(times_s, drawn.uniform(size=(steps, 4)) < 0.5, drawn.uniform(size=steps) < 0.5),

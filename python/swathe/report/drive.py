@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,13 +12,16 @@ import numpy as np
 import shapely
 
 from swathe.errors import InvalidParameterError, ShapeMismatchError
+from swathe.runlog.writer import MOST_CERTAIN, UNSEEN
 from swathe.sim import Box, Disc, Polygon, Wall
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
     from numpy.typing import NDArray
 
+    from swathe.episode import CertaintyMap
     from swathe.grid import GridGeometry
     from swathe.runlog import RunLog
 
@@ -29,6 +33,9 @@ _SEEN_CELL_M = 0.1
 _NEAR_LENGTHS = 4.0
 _MARGIN_M = 1.5
 _MOST_CLEARANCES = 600
+_FREE_RGBA, _CLOSED_RGBA = (255, 255, 255, 190), (48, 48, 54, 255)
+#: Walls have no thickness; they are drawn as if they had this much to each side.
+_HALF_WALL_M = 0.02
 
 #: What the kind of an event tells (a part of it), and how the pictures call it, the most telling first.
 _TELLING = (
@@ -153,9 +160,9 @@ class Drive:
         return Extent(float(west), float(east), float(south), float(north))
 
     @cached_property
-    def shapes(self) -> list[shapely.Geometry]:
-        """The obstacles as shapes."""
-        return [_shape(obstacle) for obstacle in self.obstacles]
+    def shapes(self) -> list[shapely.Polygon]:
+        """The obstacles as polygons without holes, of a wall one for each of its straight parts."""
+        return [shape for obstacle in self.obstacles for shape in _shapes(obstacle)]
 
     def pose_at(self, time_s: float) -> tuple[float, float, float]:
         """Return x, y and heading of the body at a time (the last row before it)."""
@@ -308,9 +315,27 @@ def _placed(
     return np.column_stack([x_m + cos * ahead - sin * left, y_m + sin * ahead + cos * left])
 
 
-def _shape(obstacle: Obstacle) -> shapely.Geometry:
+def certainty_rgba(window: CertaintyMap) -> NDArray[np.uint8]:
+    """Return the colours of a certainty window: never seen is clear, free pale, closed dark."""
+    share = np.minimum(window.certainty, MOST_CERTAIN)[..., None] / MOST_CERTAIN
+    colours = (1 - share) * np.array(_FREE_RGBA) + share * np.array(_CLOSED_RGBA)
+    colours[window.certainty == UNSEEN] = 0
+    plain: NDArray[np.uint8] = colours.astype(np.uint8)
+    return plain
+
+
+def sector_directions(fields: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return where each sector of a histogram points, counter-clockwise from east."""
+    count = len(fields.get("densities") or [])
+    first_rad = float(fields.get("first_rad") or 0.0)
+    return np.array([first_rad + sector * 2 * math.pi / count for sector in range(count)])
+
+
+def _shapes(obstacle: Obstacle) -> list[shapely.Polygon]:
     if isinstance(obstacle, Disc):
-        return shapely.Point(obstacle.x_m, obstacle.y_m).buffer(obstacle.radius_m)
+        return [shapely.Point(obstacle.x_m, obstacle.y_m).buffer(obstacle.radius_m)]
     if isinstance(obstacle, Wall):
-        return shapely.LineString(list(obstacle.points)).buffer(0.02, cap_style="flat")
-    return shapely.Polygon(obstacle.corners if isinstance(obstacle, Box) else list(obstacle.points))
+        return [
+            shapely.LineString(part).buffer(_HALF_WALL_M) for part in pairwise(obstacle.points) if part[0] != part[1]
+        ]
+    return [shapely.Polygon(obstacle.corners if isinstance(obstacle, Box) else list(obstacle.points))]

@@ -15,7 +15,7 @@ import numpy as np
 
 from swathe.episode import STATUSES
 from swathe.report.animation import _fitted, _font
-from swathe.report.drive import last_before, rectangle
+from swathe.report.drive import certainty_rgba, last_before, rectangle, sector_directions
 from swathe.report.output import replacing
 from swathe.report.palette import (
     DRIVEN_COLOUR,
@@ -51,7 +51,6 @@ _MOST_FRAMES, _FEWEST_FRAMES = 100, 16
 _RING = (0.69, 0.98)
 _BLOCKED_COLOUR, _DENSITY_COLOUR, _MOVER_COLOUR, _EDGE_COLOUR = "#efb9b2", "#7f8894", "#c9a13b", "#4c4944"
 _GOAL_COLOUR = "#ffd23f"
-_MOST_CERTAIN = 15
 #: A vehicle is drawn at least so long on the map.
 _VEHICLE_PX = 15
 
@@ -98,8 +97,9 @@ def _encoded(film: _Film, times_s: Sequence[float]) -> bytes:
     each_ms = max(20, round(_FILM_MS / len(pictures) / 10) * 10)
     stream = io.BytesIO()
     times_ms = [each_ms] * (len(pictures) - 1) + [_LAST_MS]
+    # Optimised, what does not change from frame to frame is left out.
     indexed[0].save(
-        stream, format="GIF", save_all=True, append_images=indexed[1:], duration=times_ms, loop=0, optimize=False
+        stream, format="GIF", save_all=True, append_images=indexed[1:], duration=times_ms, loop=0, optimize=True
     )
     return stream.getvalue()
 
@@ -144,8 +144,7 @@ class _Film:
             pen.line(self.at(route), fill="#ffffff", width=5 * _FINE, joint="curve")
             pen.line(self.at(route), fill=ROUTE_COLOUR, width=3 * _FINE, joint="curve")
         for shape in self.drive.shapes:
-            for part in getattr(shape, "geoms", [shape]):
-                pen.polygon(self.at(np.asarray(part.exterior.coords)), fill=OBSTACLE_COLOUR, outline=_EDGE_COLOUR)
+            pen.polygon(self.at(np.asarray(shape.exterior.coords)), fill=OBSTACLE_COLOUR, outline=_EDGE_COLOUR)
         return picture
 
     def sheet(self, time_s: float) -> Image.Image:
@@ -244,9 +243,8 @@ class _Film:
         corners = np.array([[window.west_m, window.north_m], [window.west_m + width, window.north_m - height]])
         (left, top), (right, bottom) = at(corners)
         size = (max(1, round(right - left)), max(1, round(bottom - top)))
-        dark = Image.fromarray((window.certainty.astype(np.uint16) * 225 // _MOST_CERTAIN).astype(np.uint8), mode="L")
-        place = (round(left), round(top))
-        picture.paste(Image.new("RGB", size, "#3a3a40"), place, dark.resize(size, Image.Resampling.NEAREST))
+        colours = Image.fromarray(certainty_rgba(window), mode="RGBA").resize(size, Image.Resampling.NEAREST)
+        picture.paste(colours, (round(left), round(top)), colours)
 
     def _draw_ring(self, picture: Image.Image, time_s: float) -> None:
         """Draw the polar histogram as a ring of bars, and an arrow in the direction that was chosen."""
@@ -261,14 +259,14 @@ class _Film:
         histogram = last_before(self.drive.log.histograms, time_s)
         fields: dict[str, Any] = {} if histogram is None else histogram.fields
         densities = np.nan_to_num(np.array(fields.get("densities") or [], np.float64), posinf=0.0)
-        count = len(densities)
+        count, directions = len(densities), sector_directions(fields).tolist()
         thresholds = [float(value) for value in fields.get("thresholds") or []]
         ceiling = max([2.2 * value for value in thresholds] or [float(densities.max(initial=0.0))]) or 1.0
         flags = [fields.get(name) or [] for name in ("masked", "blocked")]
         closed = [any(len(each) == count and each[sector] for each in flags) for sector in range(count)]
 
         def band(sector: int, low: float, high: float) -> list[tuple[float, float]]:
-            edges = [2 * math.pi * (sector + share) / count for share in (0.06, 0.5, 0.94)]
+            edges = [directions[sector] + 2 * math.pi * share / count for share in (-0.44, 0.0, 0.44)]
             return [(middle + low * math.cos(a), middle - low * math.sin(a)) for a in edges] + [
                 (middle + high * math.cos(a), middle - high * math.sin(a)) for a in reversed(edges)
             ]
@@ -316,7 +314,7 @@ class _Film:
         return last.kind.replace("_", " ") if last is not None and time_s - last.time_s < span_s else ""
 
     def _key(self, pen: ImageDraw.ImageDraw, y: float) -> None:
-        entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("seen", SEEN_COLOUR)]
+        entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("hit by scans", SEEN_COLOUR)]
         if self.drive.route_m is not None:
             entries.insert(0, ("global route", ROUTE_COLOUR))
         if self.drive.shapes:

@@ -6,12 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from swathe.episode import STATUSES
-from swathe.report.drive import Extent, last_before
+from swathe.report.drive import Extent, certainty_rgba, last_before, sector_directions
 from swathe.report.drive_ground import (
     draw_driven,
     draw_ground,
@@ -51,8 +50,6 @@ _ROW_GAP_IN = 0.5
 _LEFT_IN = 0.35
 _KEY_IN = 0.42
 _COLUMNS = 4
-_MOST_CERTAIN = 15
-_CERTAINTY = LinearSegmentedColormap.from_list("certainty", [(1, 1, 1, 0), (0.2, 0.2, 0.22, 0.95)])
 #: Half the side of what a frame shows, where the certainty window does not say.
 _HALF_VIEW_M = 4.0
 _DENSITY_COLOUR, _BLOCKED_COLOUR = "#7f8894", "#f3d9d5"
@@ -126,11 +123,8 @@ def _draw_view(axes: Axes, drive: Drive, time_s: float, half_m: float) -> None:
     if window is not None:
         height, width = (side * window.cell_size_m for side in window.certainty.shape)
         axes.imshow(
-            window.certainty,
+            certainty_rgba(window),
             extent=(window.west_m, window.west_m + width, window.north_m - height, window.north_m),
-            cmap=_CERTAINTY,
-            vmin=0,
-            vmax=_MOST_CERTAIN,
             interpolation="nearest",
             aspect="auto",
             zorder=1,
@@ -177,7 +171,7 @@ def _draw_histogram(axes: Axes, drive: Drive, time_s: float) -> None:
     fields = histogram.fields
     heading = math.degrees(_believed_heading(drive, histogram.time_s))
     width = 360 / len(densities)
-    middles = _around(np.arange(0.5, len(densities)) * width - heading)
+    middles = _around(np.degrees(sector_directions(fields)) - heading)
     closed = _flags(fields, "masked", len(densities)) | _flags(fields, "blocked", len(densities))
     thresholds = [float(value) for value in fields.get("thresholds") or []]
     shown = np.nan_to_num(densities, posinf=0.0)
@@ -218,7 +212,8 @@ def _draw_key(axes: Axes, drive: Drive) -> None:
     axes.set_ylim(0, _KEY_IN)
     entries: list[tuple[Line2D | Rectangle, str]] = [
         (Line2D((), (), color=SEEN_COLOUR, marker="o", ls="", ms=3.5), "hit by the scan"),
-        (Rectangle((0, 0), 0.2, 0.12, facecolor="#55555a", edgecolor="none"), "certainty grid"),
+        (Rectangle((0, 0), 0.2, 0.12, facecolor="#303036", edgecolor="none"), "closed cell"),
+        (Rectangle((0, 0), 0.2, 0.12, facecolor="#ffffff", edgecolor=FAINT_INK_COLOUR, lw=0.6), "free cell"),
         (Line2D((), (), color=ROUTE_COLOUR, lw=2.2), "global route"),
         (Line2D((), (), color=LOCAL_WAY_COLOUR, lw=1.8), "local way"),
         (Line2D((), (), color=DRIVEN_COLOUR, lw=1.6, ls=(0, (0.1, 2.1)), dash_capstyle="round"), "driven"),
@@ -239,4 +234,4 @@ def _draw_key(axes: Axes, drive: Drive) -> None:
             sample.set_data((at_in + 0.1,) if is_dot else (at_in, at_in + 0.2), (middle_in,) * (1 if is_dot else 2))
             axes.add_line(sample)
         axes.text(at_in + 0.27, middle_in, name, va="center_baseline", fontsize=8, color=INK_COLOUR)
-        at_in += 0.46 + 0.075 * len(name)
+        at_in += 0.44 + 0.066 * len(name)

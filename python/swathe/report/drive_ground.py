@@ -86,11 +86,7 @@ def relief_of(ground: Ground, extent: Extent, width_px: int) -> tuple[NDArray[np
 
 def draw_obstacles(axes: Axes, drive: Drive) -> None:
     """Draw what stands in truth."""
-    patches = [
-        Polygon(np.asarray(part.exterior.coords), closed=True)
-        for shape in drive.shapes
-        for part in getattr(shape, "geoms", [shape])
-    ]
+    patches = [Polygon(np.asarray(shape.exterior.coords), closed=True) for shape in drive.shapes]
     if patches:
         standing = PatchCollection(patches, facecolor=OBSTACLE_COLOUR, edgecolor="#4c4944", linewidth=0.7, zorder=4.5)
         axes.add_collection(standing, autolim=False)

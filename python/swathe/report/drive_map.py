@@ -196,7 +196,7 @@ def _entries(drive: Drive, marks: list[tuple[str, str, str]]) -> list[tuple[Line
     if len(drive.log.movers.radii_m):
         entries.append((Line2D((), (), color="#c9a13b", marker="o", ls="", ms=8, mec="#4c4944"), "moving, at the end"))
     if len(drive.seen_m):
-        entries.append((Line2D((), (), color=SEEN_COLOUR, marker="o", ls="", ms=3), "seen by the robot"))
+        entries.append((Line2D((), (), color=SEEN_COLOUR, marker="o", ls="", ms=3), "hit by its scans"))
     entries += [
         (Line2D((), (), color=colour, marker=sign, ls="", ms=7, mec="white"), name) for sign, colour, name in marks
     ]

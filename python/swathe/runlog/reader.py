@@ -26,7 +26,7 @@ from swathe.episode import (
 from swathe.errors import UnreadableFileError
 from swathe.runlog import cdr
 from swathe.runlog.content import LogContent, Message, read_bytes, read_content
-from swathe.runlog.writer import MOST_CERTAIN
+from swathe.runlog.writer import MOST_CERTAIN, UNSEEN
 from swathe.sensor import PenetrometerReading
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ def _map(message: Message) -> CertaintyMap:
     # The cell size is kept in 32 bits, as short as it was written.
     cell_size_m = float(str(np.float32(cell_size_m)))
     west_m, south_m = float(row["position"][0]), float(row["position"][1])
-    certainty = np.rint(occupancy * (MOST_CERTAIN / 100)).astype(np.uint8)
+    certainty = np.where(occupancy < 0, float(UNSEEN), np.rint(occupancy * (MOST_CERTAIN / 100))).astype(np.uint8)
     return CertaintyMap(message.published_ns / 1e9, certainty, west_m, south_m + height * cell_size_m, cell_size_m)
 
 

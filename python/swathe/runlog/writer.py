@@ -38,6 +38,8 @@ _PREFIX = struct.Struct("<BQHIQQ")
 _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 #: The greatest certainty of a cell.
 MOST_CERTAIN = 15
+#: What stands for a cell that was never seen.
+UNSEEN = 255
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,8 +286,10 @@ def _map_body(window: CertaintyMap) -> bytes:
     message["resolution"], message["width"], message["height"] = window.cell_size_m, width, height
     message["position"] = (window.west_m, window.north_m - height * window.cell_size_m, 0.0)
     message["orientation"] = (0.0, 0.0, 0.0, 1.0)
-    # ROS counts rows from the south, and occupancy to 100.
-    message["data"] = np.rint(window.certainty[::-1] * (100 / MOST_CERTAIN)).astype(np.int8).ravel()
+    # ROS counts rows from the south and occupancy to 100; -1 is not known.
+    certainty = window.certainty[::-1]
+    occupancy = np.where(certainty == UNSEEN, -1.0, np.rint(certainty * (100 / MOST_CERTAIN)))
+    message["data"] = occupancy.astype(np.int8).ravel()
     return message.tobytes()
 
 
