@@ -21,6 +21,7 @@ import shapely
 
 from swathe.errors import OutputError
 from swathe.export.folder import (
+    DRIVE_PICTURES,
     FIGURES,
     OUR_FILES,
     SUMMARY,
@@ -454,4 +455,5 @@ def test_a_demo_folder_holds_runs_and_nothing_else(tmp_path: Path) -> None:
 def test_every_file_of_a_run_is_one_that_the_design_names() -> None:
     expected = {"summary.json", "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"}
     animation = {"animation.gif", "animation.html"}
-    assert expected | animation | {*FIGURES, "index.html"} == OUR_FILES
+    drive = {"run.mcap", *DRIVE_PICTURES}
+    assert expected | animation | drive | {*FIGURES, "index.html"} == OUR_FILES

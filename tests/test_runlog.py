@@ -244,16 +244,13 @@ def test_a_damaged_log_is_said_to_be_damaged(tmp_path_factory: pytest.TempPathFa
     content = bytearray((folder / "whole").read_bytes())
     content[at % len(content)] ^= 1 << bit
     (folder / "damaged").write_bytes(content)
-    assert not verify(folder / "whole", folder / "damaged") if _readable(folder / "damaged") else True
-    try:
-        log = RunLog.read(folder / "damaged")
-    except UnreadableFileError:
+    if not _readable(folder / "damaged"):
         return
-    whole = RunLog.read(folder / "whole")
-    if log.is_complete:
-        # A flipped bit outside the chunks may go unseen, but nothing that was driven is other than it was.
-        assert np.array_equal(log.odometry.x_m, whole.odometry.x_m)
-        assert log.events == whole.events
+    log, whole = RunLog.read(folder / "damaged"), RunLog.read(folder / "whole")
+    assert not log.is_complete
+    assert not verify(folder / "whole", folder / "damaged")
+    if at % len(content) > 16_000:  # behind the channels: what was read before the damage is as it was
+        assert np.array_equal(log.odometry.x_m, whole.odometry.x_m[: len(log.odometry.x_m)])
 
 
 def _readable(path: Path) -> bool:

@@ -236,7 +236,8 @@ def test_histograms_are_drawn_where_there_are_some(drive: Drive, tmp_path: Path)
     assert pixels_near(tmp_path / "with.png", chosen) > pixels_near(tmp_path / "closed.png", chosen)
 
 
-def test_every_drive_can_be_drawn(folder: Path, tmp_path: Path) -> None:
+def test_every_drive_can_be_drawn(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swathe.report.drive_film._MOST_FRAMES", 8)
     nothing = made_second(events=[], ways=[], routes=[], maps=[], histograms=[], readings=[])
     with RunLogWriter(tmp_path / "bare.mcap", HEADER) as log:
         log.write(nothing)
@@ -283,7 +284,10 @@ def test_the_last_thing_before_a_time() -> None:
     assert [last_before(lines, at) for at in (0.5, 1.0, 1.9, 9.0)] == [None, lines[0], lines[0], lines[1]]
 
 
-def test_the_report_has_a_section_on_the_drive(drive: Drive, folder: Path, tmp_path: Path) -> None:
+def test_the_report_has_a_section_on_the_drive(
+    drive: Drive, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swathe.report.drive_film._MOST_FRAMES", 8)
     _, path = driven(folder)
     summary = {"command": "drive", "status": "reached", "version": "1", "distance_m": 34.4, "duration_s": 18.2}
     summary |= {"min_clearance_m": 0.524, "collisions": 0, "replans": 7, "probes": 2, "reason": "At <the> goal."}

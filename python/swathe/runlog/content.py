@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TYPE_CHECKING, NamedTuple
@@ -95,20 +96,25 @@ def read_content(path: Path, content: bytes) -> LogContent:
     try:
         for opcode, body, end in _records(content):
             _take(found, opcode, body)
+            _check_sums(content, opcode, whole_bytes, end)
             whole_bytes = end
     except _CutError as error:
         cut = str(error)
     except (McapError, ValueError, struct.error, IndexError, UnicodeError) as error:
         cut = f"It is damaged at byte {whole_bytes:,}: {error}."
-    if cut is None and not found.has_footer:
-        cut = f"It ends at byte {len(content):,} without an index."
-    elif cut is None and content[whole_bytes:] != MAGIC:
+    if cut is None and (not found.has_footer or content[whole_bytes:] != MAGIC):
         cut = f"It ends at byte {len(content):,} before its last sign."
     if "scenario.toml" not in found.files or not found.channels:
         if cut is None:
             raise UnreadableFileError(f"{path} is an MCAP file but no run log of a drive.", _REMEDY)
         raise UnreadableFileError(f"{path} holds no drive. {cut}", "Drive again.")
-    return LogContent(_header(found), found.chunks, whole_bytes, cut)
+    try:
+        header = _header(found)
+    except ValueError as error:  # a text's encoding, or a seed that is no number
+        raise UnreadableFileError(
+            f"{path} holds no drive: its beginning is damaged ({error}).", "Drive again."
+        ) from error
+    return LogContent(header, found.chunks, whole_bytes, cut)
 
 
 class _CutError(Exception):
@@ -127,6 +133,18 @@ def _records(content: bytes) -> Iterator[tuple[int, memoryview, int]]:
         at = end + length
         if opcode == Opcode.FOOTER:
             return
+
+
+def _check_sums(content: bytes, opcode: int, begin: int, end: int) -> None:
+    """Raise ValueError when the sum in the record that ends the data, or the summary, says that a byte has changed."""
+    if opcode == Opcode.DATA_END:
+        summed = content[:begin]
+    elif opcode == Opcode.FOOTER:
+        summed = content[int.from_bytes(content[begin + _RECORD.size : begin + _RECORD.size + 8], "little") : end - 4]
+    else:
+        return
+    if int.from_bytes(content[end - 4 : end], "little") not in {0, zlib.crc32(summed)}:
+        raise ValueError("the sum over what stands before does not fit")
 
 
 def _take(found: _Found, opcode: int, body: memoryview) -> None:
