@@ -13,8 +13,8 @@ from swathe.export import place
 
 if TYPE_CHECKING:
     from swathe.config import Settings
-    from swathe.grid import Position
     from swathe.planner import Plan
+    from swathe.planning import Found
     from swathe.preparation import Ground
 
 
@@ -168,20 +168,11 @@ def _drivable_summary(answer: Plan) -> dict[str, Any] | None:
 
 
 def plan_summary(
-    ground: Ground,
-    answer: Plan,
-    settings: Settings,
-    asked: tuple[tuple[float, float], tuple[float, float]],
-    ends: list[Position],
-    *,
-    tiles: tuple[int, int],
-    is_lazy: bool,
+    found: Found, settings: Settings, asked: tuple[tuple[float, float], tuple[float, float]]
 ) -> dict[str, Any]:
-    """Return the summary of a plan.
-
-    ``asked`` are the ends as given, ``ends`` the same in the frame, ``tiles`` how many tiles of the map were read and
-    how many there are, ``is_lazy`` whether they were read when they were needed.
-    """
+    """Return the summary of a plan; ``asked`` are the ends as given."""
+    ground, answer, ends, tiles = found.planned, found.answer, found.ends, found.tiles
+    is_lazy = found.lazy is not None
     route = answer.route
     corridor = answer.corridor
     notes = list(ground.notes)
