@@ -11,12 +11,14 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from swathe.config import Settings, TerrainRequest
 from swathe.errors import InvalidScenarioError, MissingFileError, UnreadableFileError
 from swathe.objective import as_objective
 from swathe.rank import RankParams, moisture_percent
+from swathe.swarm import StopParams
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,26 +45,86 @@ class Terrain(_Part):
     soil: str | None = None
     soil_field: str | None = None
     soil_legend: str | None = None
+    cost_raster: str | None = None
     cell_size_m: Length | None = None
     crs: str | None = None
     height_range_m: tuple[float, float] | None = None
     points_crs: str | None = None
     bounds: tuple[float, float, float, float] | None = None
 
+    @classmethod
+    def of(cls, request: TerrainRequest) -> Terrain:
+        """Return the ground that a plan was asked for."""
+        return cls(**{name: getattr(request, name) for name in cls.model_fields})
+
 
 class PlanPart(_Part):
-    """``[plan]``: how the ground is judged and the global route is found."""
+    """``[plan]``: how the ground is judged and the global route is found, as the options of ``swathe plan`` say."""
 
     profile: Literal["metric", "paper", "literal"] = "metric"
     method: Literal["swarm", "exact"] = "swarm"
     moisture: str = "normal"
     unknown_soil: str = "neutral"
     soil_table: Literal["text", "table2"] = "text"
+    combine: Literal["weighted", "min"] = "weighted"
+    weights: tuple[float, float] = (0.5, 0.5)
+    paper_grade: float = 0.25
+    directions: Literal["worst", "mean", "best", "four"] = "worst"
+    bands: Literal["symmetric", "literal"] = "symmetric"
+    rounding: Literal["half_away", "real"] = "half_away"
     agents: int | None = Field(default=None, ge=1)
+    pellets: int | None = Field(default=None, ge=1)
+    explore: Literal["walk", "uniform", "permute"] = "walk"
+    stop: Literal["good", "connected", "finished", "statistical"] | None = None
+    max_ticks: int | None = Field(default=None, ge=0)
+    max_evaluations: int | None = Field(default=None, ge=0)
     arc: Literal["relaid", "spine", "circle", "line"] | None = None
+    sagitta_m: float | None = None
+    width_m: float | None = None
     path: Literal["auto", "grid8", "grid16", "any-angle", "drivable"] = "auto"
     objective: str = "time"
     bridge: bool = False
+    certify: bool = False
+
+    @classmethod
+    def of(cls, settings: Settings) -> PlanPart:
+        """Return what a plan was asked for.
+
+        Raises:
+            InvalidScenarioError: the plan was ended by a clock, so that nobody can find its route again.
+        """
+        if settings.stop.max_seconds is not None:
+            raise InvalidScenarioError(
+                "The plan was ended by a clock (`--max-seconds`): its route cannot be found again.",
+                "Plan with `--max-ticks` or `--max-evaluations`.",
+            )
+        rank = settings.rank
+        return cls(
+            profile=rank.profile,
+            method=settings.method,
+            moisture=repr(rank.moisture_percent),
+            unknown_soil=rank.unknown_soil,
+            soil_table=rank.soil_table,
+            combine=rank.combine,
+            weights=(rank.height_weight, rank.soil_weight),
+            paper_grade=rank.paper_grade,
+            directions=rank.directions,
+            bands=rank.bands,
+            rounding=rank.rounding,
+            agents=settings.agents,
+            pellets=settings.pellet_max,
+            explore=settings.explore,
+            stop=settings.stop.rule,
+            max_ticks=settings.stop.max_ticks,
+            max_evaluations=settings.stop.max_evaluations,
+            arc=settings.arc,
+            sagitta_m=settings.sagitta_m,
+            width_m=settings.width_m,
+            path=settings.path,
+            objective=settings.objective.text,
+            bridge=settings.bridge,
+            certify=settings.certify,
+        )
 
 
 class DrivePart(_Part):
@@ -255,18 +317,35 @@ class Scenario(_Part):
             moisture_percent=moisture_percent(plan.moisture),
             unknown_soil=plan.unknown_soil,
             soil_table=plan.soil_table,
+            combine=plan.combine,
+            height_weight=plan.weights[0],
+            soil_weight=plan.weights[1],
+            paper_grade=plan.paper_grade,
+            directions=plan.directions,
+            bands=plan.bands,
+            rounding=plan.rounding,
         )
         return Settings(
             vehicle=self.vehicle,
             rank=rank,
             method=plan.method,
             agents=plan.agents,
+            pellet_max=plan.pellets,
+            explore=plan.explore,
+            stop=StopParams(rule=plan.stop, max_ticks=plan.max_ticks, max_evaluations=plan.max_evaluations),
             seed=self.seed,
             arc=plan.arc,
+            sagitta_m=plan.sagitta_m,
+            width_m=plan.width_m,
             path=plan.path,
             objective=as_objective(plan.objective),
             bridge=plan.bridge,
+            certify=plan.certify,
         )
+
+    def to_toml(self) -> str:
+        """Return the scenario as TOML, without what is as usual; ``scenario_from_toml`` reads it."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True, exclude_defaults=True))
 
     def with_changes(self, changes: Mapping[str, Any]) -> Scenario:
         """Return the scenario with some fields other; nested fields are named with a dot (``obstacles.crates``).
@@ -301,6 +380,20 @@ def scenario_of(content: Mapping[str, Any], what: str) -> Scenario:
         ) from error
 
 
+def scenario_from_toml(text: str, what: str) -> Scenario:
+    """Return a scenario from TOML; paths are taken as they are. ``what`` begins the message of an error.
+
+    Raises:
+        InvalidScenarioError: it is not valid.
+    """
+    try:
+        content = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InvalidScenarioError(f"{what} is not valid TOML: {reason}.", "Correct the line that is named.") from error
+    return scenario_of(content, what)
+
+
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the bundled scenarios, sorted."""
     return tuple(sorted(path.stem for path in _BUNDLED.glob("*.toml")))
@@ -326,20 +419,26 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
                 f"There is no scenario named {name_or_path!r}{hint}.",
                 f"Use one of {', '.join(known)}, or the path of a TOML file.",
             )
-    content = _read(path)
-    _resolve(content.get("terrain"), path.parent)
-    if isinstance(content.get("vehicle"), str) and content["vehicle"].endswith(".toml"):
-        content["vehicle"] = str(path.parent / content["vehicle"])
-    return scenario_of(content, f"The scenario file {path.name}")
+    scenario = scenario_from_toml(_read(path), f"The scenario file {path.name}")
+    changes: dict[str, Any] = {}
+    if scenario.terrain is not None:
+        terrain = scenario.terrain
+        changes["terrain.dem"] = tuple(_resolved(name, path.parent) for name in terrain.dem)
+        for key in ("soil", "soil_legend", "cost_raster"):
+            if (name := getattr(terrain, key)) is not None:
+                changes[f"terrain.{key}"] = _resolved(name, path.parent)
+    if scenario.vehicle.endswith(".toml"):
+        changes["vehicle"] = _resolved(scenario.vehicle, path.parent)
+    return scenario.with_changes(changes)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> str:
     try:
         if not path.exists():
             raise MissingFileError(f"The scenario file {path} does not exist.", "Check the path.")
         if not path.is_file() or path.stat().st_size > _MAX_FILE_BYTES:
             raise UnreadableFileError(f"{path} is not a scenario file.", "Give the path of a TOML file.")
-        text = path.read_bytes().decode("utf-8-sig")
+        return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableFileError(f"The scenario file {path} is not text in UTF-8.", "Save it as UTF-8.") from error
     except (OSError, ValueError) as error:
@@ -347,32 +446,11 @@ def _read(path: Path) -> dict[str, Any]:
         raise UnreadableFileError(
             f"The scenario file {path} cannot be read: {reason}.", "Check the path and its permissions."
         ) from error
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise InvalidScenarioError(
-            f"The scenario file {path} is not valid TOML: {reason}.", "Correct the line that is named."
-        ) from error
 
 
-def _resolve(terrain: object, folder: Path) -> None:
-    """Make the paths of a file's [terrain] those of its folder."""
-    if not isinstance(terrain, dict):
-        return
-
-    def resolved(name: object) -> object:
-        if not isinstance(name, str) or ":" in name or Path(name).is_absolute():
-            return name
-        return str(folder / name)
-
-    if isinstance(terrain.get("dem"), str):
-        terrain["dem"] = [terrain["dem"]]
-    if isinstance(terrain.get("dem"), list):
-        terrain["dem"] = [resolved(name) for name in terrain["dem"]]
-    for key in ("soil", "soil_legend"):
-        if key in terrain:
-            terrain[key] = resolved(terrain[key])
+def _resolved(name: str, folder: Path) -> str:
+    """Return the path of a file that a scenario in a folder names; addresses and bundled names stay."""
+    return name if ":" in name or Path(name).is_absolute() else str(folder / name)
 
 
 def _require_place(part: Patch | Box | SoilNews) -> None:

@@ -31,10 +31,18 @@ FIGURES = (
     "global-path.png",
 )
 
+#: The log of a drive: it alone grows in place, and is readable up to where it was cut.
+RUN_LOG = "run.mcap"
+
 #: Every file that a run may leave; a folder that holds anything else is not ours.
 OUR_FILES = frozenset(
     {
         SUMMARY,
+        RUN_LOG,
+        "drive.png",
+        "drive.gif",
+        "frames.png",
+        "speed.png",
         "route.geojson",
         "nests.geojson",
         "rank.tif",
@@ -51,12 +59,25 @@ OUR_FILES = frozenset(
 _STAGING = ".swathe-part-"
 
 
+def begin_log(out: Path) -> Path:
+    """Make room for the log of a drive in ``out``, whose old summary no longer holds then, and return its path.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    try:
+        (out / SUMMARY).unlink(missing_ok=True)
+    except OSError as error:
+        raise _refusal(out, error) from error
+    return out / RUN_LOG
+
+
 @contextmanager
-def run_folder(out: Path) -> Iterator[Path]:
+def run_folder(out: Path, *, logs: bool = False) -> Iterator[Path]:
     """Give a new folder for a run's files; when the block ends well they replace those of ``out``.
 
     An error or Ctrl-C leaves ``out`` as it was. The old summary goes first and the new one comes last, so that a folder
-    with a summary is always complete.
+    with a summary is always complete. A run that ``logs`` keeps the log that it writes into ``out`` itself.
 
     Raises:
         OutputError: ``out`` is not ours (holds files that no run makes), may not be written, or is full.
@@ -65,7 +86,7 @@ def run_folder(out: Path) -> Iterator[Path]:
     made = _make(staging, out)
     try:
         yield staging
-        _swap(staging, out)
+        _swap(staging, out, OUR_FILES - {RUN_LOG} if logs else OUR_FILES)
         made = []
     except OutputError as error:
         raise OutputError(error.message.replace(str(staging), str(out)), error.remedy) from error
@@ -116,8 +137,8 @@ def require_ours(out: Path) -> None:
         raise OutputError(
             f"The folder {out} holds a {SUMMARY} that is not ours.", "Choose another folder with `--out`."
         )
-    # Without a summary only a run that was killed explains such files.
-    if present and SUMMARY not in present and not any(name.startswith(_STAGING) for name in present):
+    # Without a summary only a run that was killed explains such files: one that left its staging folder or its log.
+    if present and SUMMARY not in present and not any(name.startswith((_STAGING, RUN_LOG)) for name in present):
         raise OutputError(
             f"The folder {out} holds {present[0]} but no {SUMMARY} of a run.",
             "Choose an empty folder, or one of an earlier run, with `--out`.",
@@ -144,13 +165,13 @@ def require_ours_or_runs(out: Path, names: tuple[str, ...]) -> None:
         )
 
 
-def _swap(staging: Path, out: Path) -> None:
-    """Put the files of ``staging`` in the place of those in ``out``, or leave these as they are."""
+def _swap(staging: Path, out: Path, replaced: frozenset[str]) -> None:
+    """Put the files of ``staging`` in the place of those ``replaced`` in ``out``, or leave these as they are."""
     new = sorted((entry.name for entry in staging.iterdir()), key=lambda name: (name == SUMMARY, name))
     former = staging / "former"
     former.mkdir()
     try:
-        for name in sorted(OUR_FILES, key=lambda name: (name != SUMMARY, name)):
+        for name in sorted(replaced, key=lambda name: (name != SUMMARY, name)):
             if (out / name).exists():
                 (out / name).replace(former / name)
         for name in new:
