@@ -187,6 +187,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "The navigator's width of -1 is not usable: it must be above 0.",
         "Leave it out for the usual value.",
     ),
+    "episode.figure": (
+        InvalidParameterError,
+        "The episode's width of -1 is not usable: it must be above 0.",
+        "Leave it out for the usual value.",
+    ),
     "corridor.length": WIDTH,
     "nest.grid": EMPTY,
     "nest.rank_min": (

@@ -16,6 +16,7 @@ __all__ = [
     "belief",
     "corridor",
     "drive",
+    "episode",
     "errors",
     "export",
     "grid",

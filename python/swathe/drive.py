@@ -141,6 +141,11 @@ class Navigator:
         return self._core.events()
 
     @property
+    def core(self) -> _core.Navigator:
+        """The navigator in the core."""
+        return self._core
+
+    @property
     def way(self) -> list[tuple[float, float]]:
         """The way on the memory from the robot on, in metres."""
         return self._core.way()

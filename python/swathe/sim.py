@@ -338,6 +338,11 @@ class Robot:
         given = {**asdict(params or RobotParams()), "seed": _seed(seed)}
         self._core = _core.SimRobot(world.core, machine.core, motion, _plane(pose), sensing, given)
 
+    @property
+    def core(self) -> _core.SimRobot:
+        """The robot in the core."""
+        return self._core
+
     def step(self, command: tuple[float, float], duration_s: float) -> Observation:
         """Drive with a command (speed in m/s, turn rate in rad/s) for a time of at most a minute."""
         pose, scan, state = self._core.step(*command, duration_s)

@@ -43,7 +43,7 @@ type Map<'py> = (PyReadonlyArray2<'py, u8>, Shape, Vec<(f64, f64)>);
 /// The navigator with all that it remembers.
 #[pyclass(module = "swathe._core")]
 pub(crate) struct Navigator {
-    inner: swathe::drive::Navigator,
+    pub(crate) inner: swathe::drive::Navigator,
 }
 
 #[pymethods]

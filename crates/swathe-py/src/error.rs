@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 use swathe::belief::BeliefError;
 use swathe::corridor::CorridorError;
 use swathe::drive::DriveError;
+use swathe::episode::EpisodeError;
 use swathe::grid::GridError;
 use swathe::nest::NestError;
 use swathe::planner::PlannerError;
@@ -37,6 +38,7 @@ pub(crate) enum CoreError {
     Rank(RankError),
     Corridor(CorridorError),
     Drive(DriveError),
+    Episode(EpisodeError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
@@ -61,6 +63,7 @@ from!(
     Rank(RankError),
     Corridor(CorridorError),
     Drive(DriveError),
+    Episode(EpisodeError),
     Nest(NestError),
     Swarm(SwarmError),
     Planner(PlannerError),
@@ -108,6 +111,7 @@ impl CoreError {
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
             Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
             Self::Drive(DriveError::Figure { .. })
+            | Self::Episode(EpisodeError::Figure { .. })
             | Self::Corridor(CorridorError::Length { .. })
             | Self::Sim(SimError::Figure { .. })
             | Self::Swarm(SwarmError::Parameter { .. })
@@ -151,6 +155,7 @@ impl CoreError {
             Self::Rank(error) => error.to_string(),
             Self::Corridor(error) => error.to_string(),
             Self::Drive(error) => error.to_string(),
+            Self::Episode(error) => error.to_string(),
             Self::Nest(error) => error.to_string(),
             Self::Swarm(error) => error.to_string(),
             Self::Planner(error) => error.to_string(),
@@ -368,6 +373,7 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ("drive.vehicle", DriveError::Vehicle(figure()).into()),
         ("drive.nest", DriveError::Nest(NestError::RankMin { rank: 11 }).into()),
         ("drive.figure", DriveError::Figure { name, given, allowed }.into()),
+        ("episode.figure", EpisodeError::Figure { name, given, allowed }.into()),
         ("corridor.length", CorridorError::Length { name, given, allowed }.into()),
         (
             "nest.grid",

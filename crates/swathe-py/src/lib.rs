@@ -9,6 +9,7 @@ mod belief;
 mod convert;
 mod drivable;
 mod drive;
+mod episode;
 mod error;
 mod grids;
 mod nest;
@@ -35,6 +36,8 @@ mod _core {
     use crate::drivable::{drivable_defaults, drivable_path, dubins, reeds_shepp};
     #[pymodule_export]
     use crate::drive::Navigator;
+    #[pymodule_export]
+    use crate::episode::Episode;
     #[pymodule_export]
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]

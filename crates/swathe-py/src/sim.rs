@@ -28,7 +28,7 @@ type StateFigures = (
     u32,
 );
 /// Depths, cone indices, refusal depth.
-type ReadingFigures = (Point, Vec<f64>, Vec<f64>, Option<f64>);
+pub(crate) type ReadingFigures = (Point, Vec<f64>, Vec<f64>, Option<f64>);
 
 const KINDS: [(&str, ScenarioKind); 5] = [
     ("clutter", ScenarioKind::Clutter),
@@ -58,7 +58,7 @@ fn scan_figures(py: Python<'_>, scan: Scan) -> ScanFigures<'_> {
     )
 }
 
-fn reading_figures(reading: PenetrometerReading) -> ReadingFigures {
+pub(crate) fn reading_figures(reading: PenetrometerReading) -> ReadingFigures {
     let place = (reading.x_m, reading.y_m);
     (
         place,
@@ -68,7 +68,7 @@ fn reading_figures(reading: PenetrometerReading) -> ReadingFigures {
     )
 }
 
-fn no_go_word(reason: NoGo) -> &'static str {
+pub(crate) fn no_go_word(reason: NoGo) -> &'static str {
     match reason {
         NoGo::Obstacle => "obstacle",
         NoGo::Soil => "soil",
@@ -107,7 +107,7 @@ fn points(given: Vec<Point>) -> Vec<Position> {
 /// The truth.
 #[pyclass(module = "swathe._core")]
 pub(crate) struct SimWorld {
-    inner: swathe::sim::World,
+    pub(crate) inner: swathe::sim::World,
 }
 
 #[pymethods]
@@ -329,8 +329,8 @@ fn robot_params(dict: &Bound<'_, PyDict>, sensing: &Bound<'_, PyDict>) -> PyResu
 /// A robot and the world that it is in.
 #[pyclass(module = "swathe._core")]
 pub(crate) struct SimRobot {
-    inner: swathe::sim::Robot,
-    world: Py<SimWorld>,
+    pub(crate) inner: swathe::sim::Robot,
+    pub(crate) world: Py<SimWorld>,
 }
 
 #[pymethods]
@@ -399,6 +399,10 @@ impl SimRobot {
         let truth = self.world.borrow(py);
         let (world, robot) = (&truth.inner, &mut self.inner);
         reading_figures(py.detach(|| robot.probe(world)))
+    }
+
+    fn is_in(&self, world: &Bound<'_, SimWorld>) -> bool {
+        self.world.is(world)
     }
 
     fn pose(&self) -> PoseFigures {

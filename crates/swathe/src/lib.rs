@@ -13,6 +13,7 @@
 pub mod belief;
 pub mod corridor;
 pub mod drive;
+pub mod episode;
 pub mod grid;
 pub mod local;
 pub mod nest;

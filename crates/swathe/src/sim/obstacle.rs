@@ -72,7 +72,7 @@ impl Shape {
     }
 
     /// The straight edges of polygons and walls.
-    pub(super) fn edges(&self) -> impl Iterator<Item = (Position, Position)> + '_ {
+    pub(crate) fn edges(&self) -> impl Iterator<Item = (Position, Position)> + '_ {
         let (points, closed): (&[Position], bool) = match self {
             Self::Disc { .. } => (&[], false),
             Self::Polygon(points) => (points, true),
@@ -159,6 +159,27 @@ impl Footprint {
                     || (solid && contains(points, self.corners[0]))
             }
         }
+    }
+
+    /// Metres to a shape, 0 where they meet.
+    pub fn distance_m(&self, shape: &Shape) -> f64 {
+        if self.meets(shape) {
+            return 0.0;
+        }
+        let to_edges = |point: Position| self.edges().map(move |(a, b)| point.distance_to_segment_m(a, b));
+        match shape {
+            Shape::Disc { centre, radius_m } => to_edges(*centre).fold(f64::INFINITY, f64::min) - radius_m,
+            // Two segments that do not cross are nearest at an end of one of them.
+            Shape::Polygon(points) | Shape::Wall(points) => {
+                let corners = self
+                    .corners
+                    .iter()
+                    .flat_map(|&corner| shape.edges().map(move |(a, b)| corner.distance_to_segment_m(a, b)));
+                let ends = points.iter().flat_map(|&point| to_edges(point));
+                corners.chain(ends).fold(f64::INFINITY, f64::min)
+            }
+        }
+        .max(0.0)
     }
 
     fn edges(&self) -> impl Iterator<Item = (Position, Position)> + '_ {
@@ -280,6 +301,8 @@ mod tests {
                 }
             }
             let spacing = 0.05f64.hypot(0.05);
+            let distance_m = robot.distance_m(&shape);
+            prop_assert!(distance_m <= nearest + 1e-9 && distance_m >= nearest - spacing, "{distance_m} {nearest}");
             if nearest == 0.0 {
                 prop_assert!(robot.meets(&shape));
             } else if nearest > spacing {

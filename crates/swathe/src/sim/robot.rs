@@ -195,15 +195,22 @@ impl Robot {
             }
             self.body.wait(world, 0.1);
         }
+        let (reading, seconds) = self.push(world);
+        self.body.wait(world, seconds);
+        self.localiser.update(self.body.state());
+        reading
+    }
+
+    /// A reading of the soil under the robot as it stands, and the seconds that the push takes; time does not pass here. Its
+    /// place is the one that the robot thinks it is at.
+    pub fn push(&mut self, world: &World) -> (PenetrometerReading, f64) {
         let pose = self.localiser.update(self.body.state());
         let at = self.body.state().pose;
         let push = self.pushes;
         self.pushes += 1;
         let place = Position::new(at.x_m, at.y_m);
         let (mut reading, seconds) = self.params.penetrometer.probe(world, place, self.noise, push);
-        self.body.wait(world, seconds);
-        self.localiser.update(self.body.state());
         (reading.x_m, reading.y_m) = (pose.x_m, pose.y_m);
-        reading
+        (reading, seconds)
     }
 }

@@ -275,6 +275,25 @@ impl World {
         })
     }
 
+    /// Metres between a vehicle and the nearest thing that stands or moves at a time, 0 where they meet; `None` when nothing is
+    /// within `reach_m`. What the vehicle climbs does not count.
+    pub fn clearance_m(&self, vehicle: &Vehicle, pose: &Pose, time_s: f64, reach_m: f64) -> Option<f64> {
+        let footprint = Footprint::of(vehicle, pose);
+        let middle = Position::new(pose.x_m, pose.y_m);
+        let mut near = Vec::new();
+        self.near(middle, vehicle.circumscribed_radius_m() + reach_m, &mut near);
+        let stands = near.iter().filter_map(|&n| {
+            let obstacle = &self.obstacles[n as usize];
+            (obstacle.height_m > vehicle.step_height_m).then(|| footprint.distance_m(&obstacle.shape))
+        });
+        let moves = self.movers.iter().map(|mover| {
+            let (centre, radius_m) = (mover.at(time_s), mover.radius_m);
+            footprint.distance_m(&Shape::Disc { centre, radius_m })
+        });
+        let least_m = stands.chain(moves).fold(f64::INFINITY, f64::min);
+        (least_m <= reach_m).then_some(least_m)
+    }
+
     /// Why a vehicle must not stand or drive (forwards) at a pose; `None` where it may.
     pub fn no_go(&self, vehicle: &Vehicle, pose: &Pose, time_s: f64) -> Option<NoGo> {
         if self.collides(vehicle, pose, time_s) {

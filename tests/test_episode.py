@@ -1,0 +1,126 @@
+"""Episodes: the navigator drives the simulated robot, and every second of it is told."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from swathe import sim
+from swathe.drive import Navigator
+from swathe.episode import STATUSES, Episode, EpisodeParams, Fault, FaultKind, Motion, Second
+from swathe.errors import InvalidParameterError
+from swathe.sensor import Pose
+
+
+def begin(seed: int = 3, kind: sim.Kind = "clutter", params: EpisodeParams | None = None) -> Episode:
+    world, start, goal = sim.random_world(seed, kind=kind)
+    robot = sim.Robot(world, "jackal", start, seed=seed)
+    return Episode(world, robot, Navigator("jackal", (goal.x_m, goal.y_m)), params=params)
+
+
+def rows(motion: Motion) -> list[np.ndarray]:
+    return [getattr(motion, name) for name in Motion.__slots__]
+
+
+def everything(second: Second) -> list[object]:
+    arrays = [*rows(second.odometry), *rows(second.truth), second.scans.ranges_m, second.movers.positions_m]
+    arrays += [second.commands.speed_mps, second.commands.status]
+    arrays += [window.certainty for window in second.maps] + [line.points_m for line in second.ways]
+    return [array.tobytes() for array in arrays] + [repr(second.events)]
+
+
+def test_a_drive_is_told_in_rows_that_belong_together() -> None:
+    episode = begin(kind="moving")
+    seconds = list(episode.seconds())
+    outcome = episode.outcome
+    assert outcome is not None
+    assert outcome.status == "reached"
+    assert outcome.goal_distance_m < 0.6
+    end = 0.0
+    for second in seconds:
+        assert second.start_s == end
+        end = second.end_s
+        count = len(second.truth.times_s)
+        assert all(len(row) == count for row in rows(second.odometry) + rows(second.truth))
+        assert len(second.commands.status) == count
+        assert second.scans.ranges_m.dtype == np.float32
+        assert second.scans.ranges_m.shape == (len(second.scans.times_s), 181)
+        assert second.movers.positions_m.shape == (len(second.movers.times_s), 6, 2)
+        assert all(window.certainty.shape == (161, 161) for window in second.maps)
+        assert all(line.points_m.shape[1] == 2 for line in second.ways)
+        json.dumps([event.fields for event in second.events], allow_nan=False)
+        moments = [event.time_s for event in second.events]
+        assert moments == sorted(moments)
+    driven = np.concatenate([np.column_stack([second.truth.x_m, second.truth.y_m]) for second in seconds])
+    assert np.hypot(*np.diff(driven, axis=0).T).sum() == pytest.approx(outcome.distance_m, abs=0.1)
+    assert seconds[-1].events[-1].kind == "end"
+    assert STATUSES[seconds[-1].commands.status[-1]] == "reached"
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def drive(seed: int) -> list[object]:
+        return [everything(second) for second in begin(seed, "moving").seconds()]
+
+    assert drive(5) == drive(5)
+    assert drive(5) != drive(6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "figures", "reason"),
+    [
+        ("scan_dead", (), "too old"),
+        ("scan_nan", (), "No beam"),
+        ("scan_zero", (), "No beam"),
+        ("scan_beams", (0.0,), "cannot be used"),
+        ("scan_repeated", (), "repeats itself"),
+        ("clock_off", (-3.0,), "clock went back"),
+        ("pose_off", (5.0, 0.0, 0.0), "pose jumped"),
+    ],
+)
+def test_a_fault_stops_the_robot_and_is_told(kind: FaultKind, figures: tuple[float, ...], reason: str) -> None:
+    fault = Fault(kind, 3.0, 9.0, figures)
+    episode = begin(params=EpisodeParams(faults=(fault,)))
+    seconds = list(episode.seconds())
+    events = [event for second in seconds for event in second.events]
+    assert [event.fields["fault"] for event in events if event.kind == "fault_begins"] == [kind]
+    told = [event.fields["reason"] for event in events if event.kind == "status" and event.fields["status"] == "fault"]
+    assert any(reason in sentence for sentence in told)
+    assert episode.outcome is not None
+    assert episode.outcome.collisions == 0
+
+
+@pytest.mark.parametrize("kind", ["scan_late", "scan_swapped", "scan_max"])
+def test_scans_that_are_late_swapped_or_clear_break_nothing(kind: FaultKind) -> None:
+    fault = Fault(kind, 3.0, 4.0, (0.2,))
+    outcome = begin(params=EpisodeParams(faults=(fault,))).run()
+    assert outcome.collisions == 0
+    assert outcome.status == "reached"
+
+
+def test_a_probe_stops_the_robot_and_takes_its_time() -> None:
+    episode = begin()
+    episode.advance(3.0)
+    episode.ask_for_probe()
+    second = episode.advance(30.0)
+    begun = next(event for event in second.events if event.kind == "probe_begins")
+    ((done_s, reading),) = second.readings
+    assert done_s - begun.time_s == pytest.approx(begun.fields["seconds"], abs=0.03)
+    assert begun.fields["seconds"] == pytest.approx(15.0)
+    during = (second.truth.times_s > begun.time_s) & (second.truth.times_s < done_s)
+    assert np.ptp(second.truth.x_m[during]) < 0.01
+    at = np.searchsorted(second.odometry.times_s, begun.time_s)
+    assert (reading.x_m, reading.y_m) == (second.odometry.x_m[at], second.odometry.y_m[at])
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(InvalidParameterError, match="control period"):
+        begin(params=EpisodeParams(control_period_s=math.nan))
+    with pytest.raises(InvalidParameterError, match="end of a fault"):
+        begin(params=EpisodeParams(faults=(Fault("scan_dead", 3.0, 2.0),)))
+    world, start, goal = sim.random_world(3)
+    robot = sim.Robot(sim.random_world(4).world, "jackal", Pose(start.x_m, start.y_m, 0.0))
+    with pytest.raises(InvalidParameterError, match="another world"):
+        Episode(world, robot, Navigator("jackal", (goal.x_m, goal.y_m)))
