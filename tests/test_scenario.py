@@ -18,6 +18,7 @@ from swathe.scenario import (
     Scenario,
     Terrain,
     load_scenario,
+    request_of,
     scenario_from_toml,
     scenario_names,
     scenario_of,
@@ -95,8 +96,10 @@ def test_what_a_plan_was_asked_for_comes_back() -> None:
     )
     assert scenario.settings() == settings
     assert scenario.terrain_request() == request
-    with pytest.raises(InvalidScenarioError, match="max-seconds"):
-        PlanPart.of(Settings(stop=StopParams(max_seconds=1)))
+    kept = request_of(request, settings, ((0, 0), (1, 1)))
+    assert kept is not None
+    assert scenario_of(kept, "it") == scenario
+    assert request_of(request, Settings(stop=StopParams(max_seconds=1)), ((0, 0), (1, 1))) is None
 
 
 @pytest.mark.parametrize(

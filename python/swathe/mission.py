@@ -16,6 +16,7 @@ from swathe.outputs import unread_error, write, write_unread
 from swathe.planning import search
 from swathe.preparation import Stopwatch, open_source, place_of, prepare
 from swathe.report.animation import MOST_FRAMES, frame_step
+from swathe.scenario import request_of
 from swathe.summary import plan_summary, shared_summary, stop_notes, stop_summary, swarm_summary
 from swathe.vehicle import load_vehicle
 
@@ -72,6 +73,7 @@ def plan_route(
             )
             ground, answer, ends = found.shown, found.answer, found.ends
             summary = plan_summary(found, settings, (start, goal))
+            summary["request"] = request_of(terrain, settings, (start, goal))
             unread = unread_error(found.lazy, answer, summary, out)
             if unread is not None:
                 write_unread(folder, out, ground, answer, summary, watch=watch)

@@ -34,8 +34,9 @@ def write(
     *,
     watch: Stopwatch,
     on_progress: OnProgress | None,
+    log: Path | None = None,
 ) -> None:
-    """Write every file of a run into its staging folder, the summary last."""
+    """Write every file of a run into its staging folder, the summary last; ``log`` is one that is already in place."""
     answer = found if isinstance(found, planner.Plan) else None
     nests = found if isinstance(found, nesting.Nests) else found.nests
     frame, region = ground.frame, ground.region
@@ -75,7 +76,7 @@ def write(
 
         run_pictures.draw(folder, region, frame, ranks, outlines, plan=answer, summary=summary, metadata=tags)
     tell(on_progress, "writing", 4, 5)
-    write_summary(folder, out, summary, watch, ("report.html",))
+    write_summary(folder, out, summary, watch, ("report.html", *(() if log is None else (log.name,))))
     from swathe.report.html import write_html
 
     write_html(folder)
@@ -131,8 +132,9 @@ def write_summary(folder: Path, out: Path, summary: dict[str, Any], watch: Stopw
 
 
 def _output_key(name: str) -> str:
-    """Return the name of an output: that of its file without the ending, but for the two animations."""
-    return {"animation.gif": "animation_gif", "animation.html": "animation_html"}.get(name, name.partition(".")[0])
+    """Return the name of an output: that of its file without the ending, but where two would be one."""
+    two = {"animation.gif": "animation_gif", "animation.html": "animation_html", "drive.gif": "drive_gif"}
+    return two.get(name, name.partition(".")[0])
 
 
 def tell(on_progress: OnProgress | None, stage: str, done: int, total: int) -> None:

@@ -88,16 +88,7 @@ class PlanPart(_Part):
 
     @classmethod
     def of(cls, settings: Settings) -> PlanPart:
-        """Return what a plan was asked for.
-
-        Raises:
-            InvalidScenarioError: the plan was ended by a clock, so that nobody can find its route again.
-        """
-        if settings.stop.max_seconds is not None:
-            raise InvalidScenarioError(
-                "The plan was ended by a clock (`--max-seconds`): its route cannot be found again.",
-                "Plan with `--max-ticks` or `--max-evaluations`.",
-            )
+        """Return what a plan was asked for."""
         rank = settings.rank
         return cls(
             profile=rank.profile,
@@ -133,6 +124,7 @@ class DrivePart(_Part):
     start: Point | None = None
     goal: Point | None = None
     start_bearing_deg: float | None = None
+    goal_bearing_deg: float | None = None
     method: Literal["vfh", "vfh+", "vfh*", "player"] = "vfh+"
     grids: Literal["or", "and", "single", "exact16"] = "or"
     outside_nests: Literal["cost", "block"] = "cost"
@@ -338,6 +330,8 @@ class Scenario(_Part):
             sagitta_m=plan.sagitta_m,
             width_m=plan.width_m,
             path=plan.path,
+            start_bearing_deg=self.drive.start_bearing_deg,
+            goal_bearing_deg=self.drive.goal_bearing_deg,
             objective=as_objective(plan.objective),
             bridge=plan.bridge,
             certify=plan.certify,
@@ -365,6 +359,28 @@ class Scenario(_Part):
         return scenario_of(content, "The scenario")
 
 
+def request_of(terrain: TerrainRequest, settings: Settings, ends: tuple[Point, Point]) -> dict[str, Any] | None:
+    """Return a plan's request as a scenario's plain values, so that its route can be driven; None if it cannot.
+
+    A plan that a clock has ended cannot be found again.
+    """
+    if settings.stop.max_seconds is not None:
+        return None
+    scenario = Scenario(
+        vehicle=settings.vehicle,
+        seed=settings.seed,
+        terrain=Terrain.of(terrain),
+        plan=PlanPart.of(settings),
+        drive=DrivePart(
+            start=ends[0],
+            goal=ends[1],
+            start_bearing_deg=settings.start_bearing_deg,
+            goal_bearing_deg=settings.goal_bearing_deg,
+        ),
+    )
+    return scenario.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+
+
 def scenario_of(content: Mapping[str, Any], what: str) -> Scenario:
     """Return a scenario from plain values, as a TOML file or a log holds them.
 
@@ -376,7 +392,7 @@ def scenario_of(content: Mapping[str, Any], what: str) -> Scenario:
     except ValidationError as error:
         problems = "; ".join(_in_words(problem) for problem in error.errors(include_url=False))
         raise InvalidScenarioError(
-            f"{what} is not valid: {problems}.", "Correct these fields; docs/drive.md shows the form."
+            f"{what} is not valid: {problems}.", "Correct these fields; docs/scenario.md shows the form."
         ) from error
 
 

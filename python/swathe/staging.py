@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +16,9 @@ from swathe.episode import Episode, EpisodeParams
 from swathe.planning import Found, search
 from swathe.preparation import open_source
 from swathe.sensor import Pose
+from swathe.summary import inputs_of
 from swathe.truth import Route, true_world
-from swathe.vehicle import load_vehicle
+from swathe.vehicle import load_vehicle, vehicle_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,15 +46,31 @@ class Stage:
         start: where the robot stands at first.
         goal: where it is to go.
         route: what things are placed along.
+        vehicle_toml: the vehicle's file, empty for a bundled one.
     """
 
     scenario: Scenario
     vehicle: Vehicle
+    vehicle_toml: str
     found: Found | None
     world: sim.World | None
     start: Pose
     goal: Position
     route: Route
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Name and SHA-256 of every input."""
+        if self.found is None:
+            return {}
+        return {given["name"]: given["sha256"] for given in inputs_of(self.found.shown)}
+
+    @property
+    def why_not(self) -> str:
+        """Why there is nothing to drive; empty when there is."""
+        if self.world is not None or self.found is None:
+            return ""
+        return self.found.answer.reason or "Start and goal are the same place."
 
     @property
     def time_limit_s(self) -> float:
@@ -100,31 +119,35 @@ class Stage:
         return None
 
 
-def stage(scenario: Scenario, *, watch: Stopwatch, on_progress: OnProgress | None = None) -> Stage:
-    """Plan the route of a scenario and make its world.
+def stage(
+    scenario: Scenario,
+    *,
+    vehicle_toml: str | None = None,
+    watch: Stopwatch,
+    on_progress: OnProgress | None = None,
+) -> Stage:
+    """Plan the route of a scenario and make its world; ``vehicle_toml`` stands for the vehicle's file.
 
     Raises:
         SwatheError: the inputs cannot be used, or the user stopped. That there is no route is no error: there is no
             world then.
     """
-    vehicle = load_vehicle(scenario.vehicle)
+    vehicle, toml = _vehicle(scenario.vehicle, vehicle_toml)
     if scenario.world is not None:
         drawn = sim.random_world(scenario.seed, density=scenario.world.density, kind=scenario.world.kind)
         points = np.array([(drawn.start.x_m, drawn.start.y_m), (drawn.goal.x_m, drawn.goal.y_m)])
-        return Stage(scenario, vehicle, None, drawn.world, drawn.start, drawn.goal, Route(points))
+        return Stage(scenario, vehicle, toml, None, drawn.world, drawn.start, drawn.goal, Route(points))
     terrain, settings = scenario.terrain_request(), scenario.settings()
     assert scenario.drive.start is not None and scenario.drive.goal is not None  # noqa: S101, PT018 - the model saw to it
     with watch.step("open"):
         source = open_source(terrain)
     with source:
         ends = (scenario.drive.start, scenario.drive.goal)
-        found = search(
-            source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress
-        )
+        found = search(source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress)
     planned = found.answer.route
     if planned is None or not planned.legs:
         between = np.array([(end.x_m, end.y_m) for end in found.ends])
-        return Stage(scenario, vehicle, found, None, Pose(*between[0], 0.0), found.ends[1], Route(between))
+        return Stage(scenario, vehicle, toml, found, None, Pose(*between[0], 0.0), found.ends[1], Route(between))
     route = Route(planned.xy_m)
     first, second = route.points_m[:2]
     heading_rad = math.atan2(second[1] - first[1], second[0] - first[0])
@@ -134,4 +157,15 @@ def stage(scenario: Scenario, *, watch: Stopwatch, on_progress: OnProgress | Non
     with watch.step("world"):
         world = true_world(scenario, ground.geometry, ground.elevation_m, ground.soil, route)
     goal = found.answer.goal[0] if found.answer.goal is not None else found.ends[1]
-    return Stage(scenario, vehicle, found, world, Pose(first[0], first[1], heading_rad), goal, route)
+    return Stage(scenario, vehicle, toml, found, world, Pose(first[0], first[1], heading_rad), goal, route)
+
+
+def _vehicle(name: str, toml: str | None) -> tuple[Vehicle, str]:
+    """Return a vehicle and, unless it is a bundled one, the text of its file."""
+    if toml is not None:
+        with tempfile.TemporaryDirectory(prefix="swathe-") as folder:
+            path = Path(folder) / "vehicle.toml"
+            path.write_text(toml, encoding="utf-8")
+            return load_vehicle(path), toml
+    vehicle = load_vehicle(name)
+    return vehicle, "" if name in vehicle_names() else Path(name).read_text(encoding="utf-8-sig")

@@ -38,12 +38,13 @@ def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str
         "cell_size_m": geometry.cell_size_m,
         "rows": geometry.rows,
         "columns": geometry.columns,
-        "inputs": _inputs(ground),
+        "inputs": inputs_of(ground),
         "notes": list(ground.notes),
     }
 
 
-def _inputs(ground: Ground) -> list[dict[str, str]]:
+def inputs_of(ground: Ground) -> list[dict[str, str]]:
+    """Return name and SHA-256 of every input."""
     inputs = [{"name": name, "sha256": digest} for name, digest in ground.source.fingerprint().items()]
     if ground.soil_source is not None:
         inputs.append({"name": ground.soil_source.name, "sha256": ground.soil_source.fingerprint()})

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swathe.errors import OutputError
+from swathe.errors import MissingFileError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -70,6 +70,18 @@ def begin_log(out: Path) -> Path:
     except OSError as error:
         raise _refusal(out, error) from error
     return out / RUN_LOG
+
+
+def log_of(run: Path) -> Path:
+    """Return the log of a drive, given its folder or the log itself.
+
+    Raises:
+        MissingFileError: there is none.
+    """
+    log = run / RUN_LOG if run.is_dir() else run
+    if not log.is_file():
+        raise MissingFileError(f"There is no log {log}.", f"Give a drive's folder or its {RUN_LOG}.")
+    return log
 
 
 @contextmanager
