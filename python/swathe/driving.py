@@ -14,23 +14,26 @@ from swathe.drive_outputs import drive_summary, write_drive
 from swathe.episode import STATUSES
 from swathe.errors import InputError, UnreadableFileError
 from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, run_folder
+from swathe.news import FedNews, LoggedNews, NewsDesk
 from swathe.preparation import Stopwatch
 from swathe.report import wording
 from swathe.runlog import LogHeader, RunLog, RunLogWriter, verify
 from swathe.scenario import Scenario, scenario_from_toml, scenario_of
+from swathe.soil_feed import SoilFeed
 from swathe.staging import stage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from swathe.episode import Outcome, Second
+    from swathe.news import NewsSource
     from swathe.staging import Stage
 
     OnProgress = Callable[[str, int, int], bool]
     OnSecond = Callable[["Live"], None]
 
-#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry off
-#: by 2 % and corrected once a second to 0.3 m.
+#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
+#: off by 2 % and corrected once a second to 0.3 m.
 NOISE = {
     "beam_dropout": 0.1,
     "scan_delay_s": 0.1,
@@ -76,7 +79,7 @@ def drive(
             then is in the log.
     """
     watch = Stopwatch()
-    news = None if soil_feed is None else FedNews(soil_feed)
+    news = None if soil_feed is None else FedNews(SoilFeed(soil_feed))
     with run_folder(out, logs=True) as folder:
         made = stage(scenario, watch=watch, on_progress=on_progress)
         return _drive_into(
@@ -89,7 +92,7 @@ def _drive_into(
     made: Stage,
     out: Path,
     body: str,
-    news: News | None,
+    news: NewsSource | None,
     *,
     animate: bool,
     watch: Stopwatch,
@@ -109,7 +112,7 @@ def _drive_into(
 
 
 def record(
-    made: Stage, log: Path, *, body: str, news: News | None = None, on_second: OnSecond | None = None
+    made: Stage, log: Path, *, body: str, news: NewsSource | None = None, on_second: OnSecond | None = None
 ) -> Outcome:
     """Drive to the end, write every second into the log, and return how it went."""
     episode, navigator = made.episode()
@@ -247,10 +250,8 @@ def _require_same(now: Mapping[str, str], logged: Mapping[str, str]) -> None:
 def _told(answer: Mapping[str, Any], path: Path) -> list[str]:
     """Return what a log holds as lines for people."""
     outcome = answer["outcome"]
-    lines = [
-        f"{path}: {answer['title'] or 'a drive'} with a {answer['vehicle']}, seed {answer['seed']}, "
-        f"swathe {answer['version']}"
-    ]
+    what = f"{answer['title'] or 'a drive'} with a {answer['vehicle']}"
+    lines = [f"{path}: {what}, seed {answer['seed']}, swathe {answer['version']}"]
     if answer["cut"] is not None:
         lines.append(f"  {answer['cut']} {answer['seconds']} s can be read.")
     if outcome is not None:

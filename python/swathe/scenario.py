@@ -142,6 +142,11 @@ class ProbingPart(_Part):
     policy: Literal["never", "every", "where-it-matters"] = "never"
     every_m: Length = 25.0
 
+    @property
+    def text(self) -> str:
+        """The policy as the navigator takes it."""
+        return {"every": f"every {self.every_m:g} m", "where-it-matters": "where it matters"}.get(self.policy, "never")
+
 
 class Patch(_Part):
     """A disc of ground whose true soil is another than the map says; at a place, or along the route (0..1)."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swathe import sim
+from swathe.belief import BeliefParams
 from swathe.drive import DriveParams, Navigator, Region
 from swathe.episode import Episode, EpisodeParams
 from swathe.planning import Found, search
@@ -109,6 +110,7 @@ class Stage:
             margin_m=given.margin_m,
             memory=given.memory,
             recover=given.recover,
+            probing=scenario.probing.text,
         )
         goal = (self.goal.x_m, self.goal.y_m)
         navigator = Navigator(self.vehicle, goal, region=self._region(), params=how, seed=scenario.seed)
@@ -116,7 +118,11 @@ class Stage:
         return Episode(self.world, robot, navigator, params=limits), navigator
 
     def _region(self) -> Region | None:
-        return None
+        """Return what the map knows, ready to learn; None without a map."""
+        if self.found is None:
+            return None
+        rule = self.scenario.drive.soil_rule
+        return Region.of(self.found.shown.region, belief=BeliefParams(rule=rule), grids=self.scenario.drive.grids)
 
 
 def stage(
@@ -138,11 +144,11 @@ def stage(
         points = np.array([(drawn.start.x_m, drawn.start.y_m), (drawn.goal.x_m, drawn.goal.y_m)])
         return Stage(scenario, vehicle, toml, None, drawn.world, drawn.start, drawn.goal, Route(points))
     terrain, settings = scenario.terrain_request(), scenario.settings()
-    assert scenario.drive.start is not None and scenario.drive.goal is not None  # noqa: S101, PT018 - the model saw to it
+    # The model saw to it that there are both.
+    ends = (scenario.drive.start or (0.0, 0.0), scenario.drive.goal or (0.0, 0.0))
     with watch.step("open"):
         source = open_source(terrain)
     with source:
-        ends = (scenario.drive.start, scenario.drive.goal)
         found = search(source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress)
     planned = found.answer.route
     if planned is None or not planned.legs:

@@ -90,9 +90,9 @@ def driving(*, quiet: bool) -> Iterator[Callable[[Live], None] | None]:
         def show_live(live: Live) -> None:
             display.update(
                 Text(
-                    f"{wording.duration(live.time_s):>12}  at {live.x_m:.1f}, {live.y_m:.1f} m  {live.speed_mps:4.1f} m/s  "
-                    f"{wording.length(live.goal_distance_m)} to go  {live.replans} replans  {live.probes} probes  "
-                    f"{live.status}"
+                    f"{wording.duration(live.time_s):>12}  at {live.x_m:.1f}, {live.y_m:.1f} m  "
+                    f"{live.speed_mps:4.1f} m/s  {wording.length(live.goal_distance_m)} to go  "
+                    f"{live.replans} replans  {live.probes} probes  {live.status}"
                 )
             )
 
