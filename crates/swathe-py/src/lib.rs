@@ -11,6 +11,7 @@ mod drivable;
 mod drive;
 mod episode;
 mod error;
+mod events;
 mod grids;
 mod nest;
 mod planner;

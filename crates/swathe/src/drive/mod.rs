@@ -5,10 +5,13 @@
 //! stop within the ground that it sees to be free.
 
 mod event;
+mod knowledge;
+mod learning;
 mod memory;
 mod motion;
 mod navigator;
 mod params;
+mod probing;
 mod recovery;
 mod region;
 mod route;
@@ -19,6 +22,9 @@ mod tests;
 mod watch;
 
 pub use event::{Command, Event, Reason, Recovery, Status};
+pub use knowledge::{Knowledge, KnownMap, Learnt, Outlook, ProbeSite, RouteChange, Standing};
+pub use learning::UNSEEN;
 pub use navigator::{Navigator, Observation};
 pub use params::{DriveError, DriveParams, Method, OutsideNests};
 pub use region::Region;
+pub use steer::Histogram;
