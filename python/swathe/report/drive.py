@@ -1,0 +1,312 @@
+"""A drive as its pictures need it: the log, the ground and the truth around it, and the moments worth showing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+import shapely
+
+from swathe.errors import InvalidParameterError, ShapeMismatchError
+from swathe.sim import Box, Disc, Polygon, Wall
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from swathe.grid import GridGeometry
+    from swathe.runlog import RunLog
+
+    Obstacle = Disc | Box | Polygon | Wall
+
+#: Points of the scans nearer to each other than this are one in a picture.
+_SEEN_CELL_M = 0.1
+#: A return nearer than this many lengths of the vehicle is the first obstacle.
+_NEAR_LENGTHS = 4.0
+_MARGIN_M = 1.5
+_MOST_CLEARANCES = 600
+
+#: What the kind of an event tells (a part of it), and how the pictures call it, the most telling first.
+_TELLING = (
+    ("collision", "collision"),
+    ("probe", "probing the soil"),
+    ("reading", "soil reading"),
+    ("soil", "news of the soil"),
+    ("trap", "trap"),
+    ("recover", "recovery"),
+    ("fault", "fault"),
+    ("jump", "pose jump"),
+    ("slip", "slip"),
+)
+
+_ENDINGS = {"reached": "at the goal", "collision": "collision", "timeout": "out of time", "not_reached": "given up"}
+
+
+class Extent(NamedTuple):
+    """A rectangle of the map, in metres."""
+
+    west_m: float
+    east_m: float
+    south_m: float
+    north_m: float
+
+
+class Moment(NamedTuple):
+    """A time worth showing, and why."""
+
+    time_s: float
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The map under a drive: layers of one geometry in the drive's frame; ``rank`` holds 0 unknown, 1 no-go, 2..10."""
+
+    geometry: GridGeometry
+    elevation_m: NDArray[np.float32]
+    rank: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        for name, layer in (("elevation_m", self.elevation_m), ("rank", self.rank)):
+            if layer.shape != self.geometry.shape:
+                raise ShapeMismatchError(
+                    f"The drive's {name} has the shape {layer.shape}, its geometry {self.geometry.shape}.",
+                    "Give layers of one geometry.",
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What the pictures of a drive are made of.
+
+    Attributes:
+        log: the run log.
+        length_m: length of the vehicle's rectangle around its pose.
+        width_m: its width.
+        title: heading of the pictures.
+        subtitle: the line under it.
+        goal_m: where the drive should end.
+        obstacles: what stands in truth.
+        ground: the map, where there is one.
+    """
+
+    log: RunLog
+    length_m: float
+    width_m: float
+    title: str
+    subtitle: str = ""
+    goal_m: tuple[float, float] | None = None
+    obstacles: Sequence[Obstacle] = ()
+    ground: Ground | None = None
+
+    def __post_init__(self) -> None:
+        if not len(self.log.truth.times_s):
+            raise InvalidParameterError(
+                "The run log holds no second of a drive, so there is nothing to draw.",
+                "Draw a log that goes on longer.",
+            )
+
+    @property
+    def start_s(self) -> float:
+        """When the log begins."""
+        return float(self.log.truth.times_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """When it ends."""
+        return float(self.log.truth.times_s[-1])
+
+    @property
+    def driven_m(self) -> NDArray[np.float64]:
+        """Where the body went in truth, (n, 2)."""
+        return np.column_stack([self.log.truth.x_m, self.log.truth.y_m])
+
+    @property
+    def route_m(self) -> NDArray[np.float64] | None:
+        """The first global route, (k, 2)."""
+        return next((line.points_m for line in self.log.routes if len(line.points_m) > 1), None)
+
+    @cached_property
+    def extent(self) -> Extent:
+        """The part of the map to show: all that was driven, start, goal and route, with a margin."""
+        places = [self.driven_m]
+        places += [line.points_m for line in self.log.routes if len(line.points_m)]
+        if self.goal_m is not None:
+            places.append(np.array([self.goal_m]))
+        every = np.concatenate(places)
+        low, high = every.min(axis=0), every.max(axis=0)
+        margin = _MARGIN_M + self.length_m + 0.06 * float((high - low).max())
+        # A straight drive is not shown as a thin strip.
+        half = np.maximum((high - low) / 2 + margin, 0.3 * float((high - low).max()) + margin)
+        middle = (low + high) / 2
+        west, south = (middle - half).tolist()
+        east, north = (middle + half).tolist()
+        if self.ground is not None:
+            # Not beyond the map, unless the drive itself goes there.
+            geometry = self.ground.geometry
+            west, south = min(max(west, geometry.west_m), low[0]), min(max(south, geometry.south_m), low[1])
+            east, north = max(min(east, geometry.east_m), high[0]), max(min(north, geometry.north_m), high[1])
+        return Extent(float(west), float(east), float(south), float(north))
+
+    @cached_property
+    def shapes(self) -> list[shapely.Geometry]:
+        """The obstacles as shapes."""
+        return [_shape(obstacle) for obstacle in self.obstacles]
+
+    def pose_at(self, time_s: float) -> tuple[float, float, float]:
+        """Return x, y and heading of the body at a time (the last row before it)."""
+        truth = self.log.truth
+        row = max(int(np.searchsorted(truth.times_s, time_s, side="right")) - 1, 0)
+        return float(truth.x_m[row]), float(truth.y_m[row]), float(truth.heading_rad[row])
+
+    def scan_before(self, time_s: float) -> int | None:
+        """Return the row of the last scan that had arrived."""
+        row = int(np.searchsorted(self.log.scans.arrivals_s, time_s + 1e-9, side="right")) - 1
+        return row if row >= 0 else None
+
+    def body_points(self, row: int) -> NDArray[np.float64]:
+        """Return what a scan hit, ahead and left of the body, (n, 2)."""
+        return self._hits[0][self._hits[1] == row]
+
+    def map_points(self, row: int) -> NDArray[np.float64]:
+        """Return where a scan's hits lie on the map by the pose that the robot believed, (n, 2)."""
+        return _placed(self.body_points(row), *self.believed(row))
+
+    @cached_property
+    def seen_m(self) -> NDArray[np.float64]:
+        """All that scans hit, one point a cell, in the order of time: x, y and when it was seen first, (n, 3)."""
+        points, rows = self._hits
+        odometry, times_s = self.log.odometry, self.log.scans.times_s
+        heading = np.interp(times_s, odometry.times_s, np.unwrap(odometry.heading_rad))[rows]
+        x_m = np.interp(times_s, odometry.times_s, odometry.x_m)[rows]
+        y_m = np.interp(times_s, odometry.times_s, odometry.y_m)[rows]
+        placed = _placed(points, x_m, y_m, heading)
+        cells = np.rint(placed / _SEEN_CELL_M).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        first.sort()
+        return np.column_stack([placed[first], self.log.scans.arrivals_s[rows[first]]])
+
+    @cached_property
+    def clearance_seen_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times of the scans, and how far the vehicle's rectangle was from the nearest hit of each (infinite: none)."""
+        points, rows = self._hits
+        beyond = np.maximum(np.abs(points) - np.array([self.length_m, self.width_m]) / 2, 0.0)
+        nearest = np.full(len(self.log.scans.times_s), np.inf)
+        np.minimum.at(nearest, rows, np.hypot(*beyond.T))
+        return self.log.scans.times_s, nearest
+
+    @cached_property
+    def clearance_true_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times, and how far the vehicle's rectangle truly was from what stands and moves (infinite: nothing does)."""
+        truth, movers = self.log.truth, self.log.movers
+        rows = np.unique(np.linspace(0, len(truth.times_s) - 1, _MOST_CLEARANCES).astype(int))
+        corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (self.length_m / 2, self.width_m / 2)
+        cos, sin = np.cos(truth.heading_rad[rows]), np.sin(truth.heading_rad[rows])
+        turned = np.stack(
+            [
+                truth.x_m[rows, None] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1],
+                truth.y_m[rows, None] + sin[:, None] * corners[:, 0] + cos[:, None] * corners[:, 1],
+            ],
+            axis=-1,
+        )
+        bodies = shapely.polygons(turned)
+        nearest = np.full(len(rows), np.inf)
+        if self.shapes:
+            nearest = shapely.distance(bodies, shapely.union_all(self.shapes))
+        for mover in range(len(movers.radii_m)):
+            at = [np.interp(truth.times_s[rows], movers.times_s, movers.positions_m[:, mover, axis]) for axis in (0, 1)]
+            apart = shapely.distance(bodies, shapely.points(*at)) - movers.radii_m[mover]
+            nearest = np.minimum(nearest, np.maximum(apart, 0.0))
+        return truth.times_s[rows], nearest
+
+    def moments(self, count: int = 8) -> list[Moment]:
+        """Return ``count`` moments in order: the ends, the first obstacle, what went wrong or was learnt, and others."""
+        wanted = [Moment(self.start_s, "start"), Moment(self.end_s, self._ending())]
+        times_s, nearest = self.clearance_seen_m
+        near = np.flatnonzero(nearest < _NEAR_LENGTHS * self.length_m)
+        if len(near):
+            wanted.append(Moment(float(times_s[near[0]]), "first obstacle near"))
+            wanted.append(Moment(float(times_s[np.argmin(nearest)]), "nearest to an obstacle"))
+        for part, name in _TELLING:
+            found = [event.time_s for event in self.log.events if part in event.kind.lower()]
+            wanted += [Moment(found[place], name) for place in _spread(len(found), 2)]
+        apart_s = max(0.4, 0.35 * (self.end_s - self.start_s) / count)
+        chosen: list[Moment] = []
+        even = np.linspace(self.start_s, self.end_s, 4 * count + 1).tolist()
+        # From coarse to fine, so that what fills up lies in the widest gaps.
+        fill = [Moment(time_s, "on the way") for step in (4, 2, 1) for time_s in even[::step]]
+        for gap_s in (apart_s, apart_s / 2):
+            for moment in (*wanted, *fill):
+                if len(chosen) < count and all(abs(moment.time_s - other.time_s) >= gap_s for other in chosen):
+                    chosen.append(moment)
+        return sorted(chosen)
+
+    def _ending(self) -> str:
+        outcome = self.log.outcome or {}
+        return _ENDINGS.get(str(outcome.get("status")), "end of the log")
+
+    @cached_property
+    def _hits(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """What all scans hit, ahead and left of the body, and the row of the scan of each."""
+        scans = self.log.scans
+        ranges = scans.ranges_m.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            hit = np.isfinite(ranges) & (ranges >= scans.range_min_m) & (ranges < scans.range_max_m)
+        rows, beams = np.nonzero(hit)
+        ahead_m, left_m, turned_rad = scans.mount
+        angle = turned_rad + scans.angle_min_rad + beams * scans.angle_increment_rad
+        far = ranges[rows, beams]
+        return np.column_stack([ahead_m + far * np.cos(angle), left_m + far * np.sin(angle)]), rows
+
+    def believed(self, row: int) -> tuple[float, float, float]:
+        """Return where the robot thought it was when a scan was taken: x, y and heading."""
+        odometry, time_s = self.log.odometry, self.log.scans.times_s[row]
+        at = int(np.searchsorted(odometry.times_s, time_s + 1e-9, side="right")) - 1
+        at = max(at, 0)
+        return float(odometry.x_m[at]), float(odometry.y_m[at]), float(odometry.heading_rad[at])
+
+
+def rectangle(drive: Drive, pose: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the corners of the vehicle's rectangle at a pose, (4, 2)."""
+    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (drive.length_m / 2, drive.width_m / 2)
+    return _placed(corners, *pose)
+
+
+class _Timed(Protocol):
+    @property
+    def time_s(self) -> float: ...
+
+
+_Item = TypeVar("_Item", bound=_Timed)
+
+
+def last_before(items: Sequence[_Item], time_s: float) -> _Item | None:
+    """Return the last of things in the order of time that is not later than a time, or None."""
+    before = [item for item in items if item.time_s <= time_s + 1e-9]
+    return before[-1] if before else None
+
+
+def _spread(count: int, most: int) -> list[int]:
+    return sorted({round(place) for place in np.linspace(0, count - 1, min(count, most))}) if count else []
+
+
+def _placed(
+    points: NDArray[np.float64],
+    x_m: float | NDArray[np.float64],
+    y_m: float | NDArray[np.float64],
+    heading_rad: float | NDArray[np.float64],
+) -> NDArray[np.float64]:
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+    ahead, left = points[:, 0], points[:, 1]
+    return np.column_stack([x_m + cos * ahead - sin * left, y_m + sin * ahead + cos * left])
+
+
+def _shape(obstacle: Obstacle) -> shapely.Geometry:
+    if isinstance(obstacle, Disc):
+        return shapely.Point(obstacle.x_m, obstacle.y_m).buffer(obstacle.radius_m)
+    if isinstance(obstacle, Wall):
+        return shapely.LineString(list(obstacle.points)).buffer(0.02, cap_style="flat")
+    return shapely.Polygon(obstacle.corners if isinstance(obstacle, Box) else list(obstacle.points))
