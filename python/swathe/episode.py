@@ -103,8 +103,8 @@ class CertaintyMap(NamedTuple):
 class Histogram(NamedTuple):
     """The polar histogram of the local method at a time.
 
-    ``fields``: ``densities`` by sector counter-clockwise from east, ``thresholds``, ``blocked`` and ``masked`` by
-    sector where the method has them, ``direction_rad`` (None when every direction is closed).
+    ``fields``: ``densities`` and ``blocked`` by sector counter-clockwise from east, ``thresholds`` (below the first a
+    sector opens, from the second on it is blocked), ``direction_rad`` (None when every direction is closed).
     """
 
     time_s: float

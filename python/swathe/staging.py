@@ -111,6 +111,7 @@ class Stage:
             memory=given.memory,
             recover=given.recover,
             probing=scenario.probing.text,
+            sensor_height_m=laser.height_m,
         )
         goal = (self.goal.x_m, self.goal.y_m)
         navigator = Navigator(self.vehicle, goal, region=self._region(), params=how, seed=scenario.seed)

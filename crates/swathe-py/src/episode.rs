@@ -5,7 +5,6 @@ use std::time::Instant;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::drive::{Event, Recovery};
 use swathe::episode::{Actors, EpisodeParams, Fault, FaultKind, Happening, MotionRows, Outcome, ScanRows, Second};
 use swathe::grid::Position;
 use swathe::sensor::{Mount, Pose};
@@ -13,6 +12,7 @@ use swathe::sensor::{Mount, Pose};
 use crate::convert::entry;
 use crate::drive::Navigator;
 use crate::error::{CoreError, invalid};
+use crate::events::event_fields;
 use crate::sim::{SimRobot, no_go_word, reading_figures};
 
 /// Start, end, kind, figures.
@@ -62,81 +62,10 @@ fn place(at: &Position) -> (f64, f64) {
     (at.x_m, at.y_m)
 }
 
-fn recovery_word(recovery: &Recovery) -> &'static str {
-    match recovery {
-        Recovery::TurnInPlace { .. } => "turn_in_place",
-        Recovery::BackOff { .. } => "back_off",
-        Recovery::Retreat { .. } => "retreat",
-    }
-}
-
-/// Kind and fields of what the navigator told; fields hold what JSON can hold.
-fn drive_event<'py>(py: Python<'py>, event: &Event) -> PyResult<(&'static str, Bound<'py, PyDict>)> {
-    let fields = PyDict::new(py);
-    let kind = match event {
-        Event::Status { status, reason } => {
-            fields.set_item("status", status.name())?;
-            fields.set_item("reason", reason.text())?;
-            "status"
-        }
-        Event::Navigability {
-            grids,
-            navigable,
-            disagreement,
-        } => {
-            fields.set_item("grids", grids)?;
-            fields.set_item("navigable", navigable)?;
-            fields.set_item("disagreement", disagreement)?;
-            "navigability"
-        }
-        Event::ScanRefused { reason } => {
-            fields.set_item("reason", reason.text())?;
-            "scan_refused"
-        }
-        Event::PoseJump { distance_m } => {
-            fields.set_item("distance_m", distance_m)?;
-            "pose_jump"
-        }
-        Event::Route { length_m, afresh } => {
-            fields.set_item("length_m", length_m)?;
-            fields.set_item("afresh", afresh)?;
-            "route"
-        }
-        Event::LocalClosed => "local_closed",
-        Event::Trap { reason } => {
-            fields.set_item("reason", reason.text())?;
-            "trap"
-        }
-        Event::Recovery { recovery, attempt } => {
-            fields.set_item("recovery", recovery_word(recovery))?;
-            fields.set_item("attempt", attempt)?;
-            "recovery"
-        }
-        Event::Stamped { at } => {
-            fields.set_item("at_m", place(at))?;
-            "stamped"
-        }
-        Event::WindowGrown { cells } => {
-            fields.set_item("cells", cells)?;
-            "window_grown"
-        }
-        Event::Slip { share } => {
-            fields.set_item("share", share)?;
-            "slip"
-        }
-        Event::ReadingTaken { changed } => {
-            fields.set_item("changed", changed)?;
-            "reading_taken"
-        }
-        Event::ReadingRefused => "reading_refused",
-    };
-    Ok((kind, fields))
-}
-
 fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, Bound<'py, PyDict>)> {
     let fields = PyDict::new(py);
     let kind = match told {
-        Happening::Drive(event) => return drive_event(py, event),
+        Happening::Drive(event) => return Ok((event.kind(), event_fields(py, event)?)),
         Happening::FaultBegins(kind) => {
             fields.set_item("fault", kind)?;
             "fault_begins"
@@ -260,7 +189,6 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
             fields.set_item("densities", row.densities)?;
             fields.set_item("thresholds", row.thresholds)?;
             fields.set_item("blocked", row.blocked)?;
-            fields.set_item("masked", row.masked)?;
             fields.set_item("direction_rad", row.direction_rad)?;
             Ok((row.time_s, fields))
         })

@@ -1,12 +1,14 @@
 //! Puts a step into the second that it belongs to.
 
-use crate::drive::{self, Command, Navigator};
+use std::f64::consts::TAU;
+
+use crate::drive::{self, Command, Histogram, Navigator};
 use crate::grid::Position;
 use crate::sensor::{PenetrometerReading, Pose};
 use crate::sim::{BodyState, World};
 
 use super::fault::Taken;
-use super::second::{CertaintyMap, CommandRows, Happening, Second, status_code};
+use super::second::{CertaintyMap, CommandRows, Happening, HistogramRow, Second, status_code};
 
 /// Seconds from one map, and from one histogram or row of movers, to the next.
 const MAP_S: f64 = 1.0;
@@ -28,6 +30,7 @@ pub(super) struct Told<'a> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Recorder {
     way: Vec<Position>,
+    route: Vec<Position>,
     maps: u64,
     histograms: u64,
 }
@@ -64,16 +67,52 @@ impl Recorder {
             self.way.clear();
             self.way.extend_from_slice(way);
         }
+        let route = navigator.global_route();
+        if !self.route.ends_with(route.get(1..).unwrap_or_default()) || route.is_empty() != self.route.is_empty() {
+            second.routes.push((time_s, route.to_vec()));
+            self.route.clear();
+            self.route.extend_from_slice(route);
+        }
         if due(&mut self.maps, time_s, MAP_S) {
             second.maps.push(map(navigator, time_s));
         }
-        if due(&mut self.histograms, time_s, HISTOGRAM_S) && !world.movers().is_empty() {
+        if !due(&mut self.histograms, time_s, HISTOGRAM_S) {
+            return;
+        }
+        if let Some(histogram) = navigator.histogram() {
+            second.histograms.push(from_east(time_s, histogram));
+        }
+        if !world.movers().is_empty() {
             second.movers.times_s.push(time_s);
             second
                 .movers
                 .positions
                 .extend(world.movers().iter().map(|mover| mover.at(time_s)));
         }
+    }
+}
+
+/// A histogram with its first sector turned to the east.
+fn from_east(time_s: f64, histogram: Histogram) -> HistogramRow {
+    let Histogram {
+        mut densities,
+        mut blocked,
+        first_rad,
+        thresholds: (open, closed),
+        direction_rad,
+    } = histogram;
+    let count = densities.len().max(1);
+    let turned = (first_rad.rem_euclid(TAU) / TAU * count as f64).round() as usize % count;
+    if !densities.is_empty() && densities.len() == blocked.len() {
+        densities.rotate_right(turned);
+        blocked.rotate_right(turned);
+    }
+    HistogramRow {
+        time_s,
+        densities,
+        thresholds: [open, closed],
+        blocked,
+        direction_rad,
     }
 }
 

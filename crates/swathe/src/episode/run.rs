@@ -208,7 +208,7 @@ impl Episode {
             return Some(reading);
         }
         let stands = body.speed_mps.abs() < STANDS_MPS && body.stop != Some(sim::Stop::Sunk);
-        if self.probe_wanted && stands {
+        if (self.probe_wanted || actors.navigator.wants_probe()) && stands {
             self.probe_wanted = false;
             let (reading, seconds) = actors.robot.push(actors.world);
             let at = Position::new(pose.x_m, pose.y_m);
@@ -260,6 +260,7 @@ impl Episode {
             match event {
                 drive::Event::Route { .. } => self.tally.replans += 1,
                 drive::Event::ReadingTaken { .. } => self.tally.probes += 1,
+                drive::Event::SoilUpdate { .. } => self.tally.soil_updates += 1,
                 _ => {}
             }
         }

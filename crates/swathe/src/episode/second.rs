@@ -102,12 +102,10 @@ pub struct HistogramRow {
     pub time_s: f64,
     /// Density of every sector, counter-clockwise from east.
     pub densities: Vec<f32>,
-    /// Densities from which on a sector is blocked, and below which it is open.
-    pub thresholds: Vec<f32>,
-    /// Whether a sector is blocked; empty for a method that has no such step.
+    /// Densities below which a sector opens, and from which on it is blocked.
+    pub thresholds: [f64; 2],
+    /// Whether a sector is blocked.
     pub blocked: Vec<bool>,
-    /// Whether a sector is blocked or out of reach of the turning circle; empty likewise.
-    pub masked: Vec<bool>,
     /// The chosen direction counter-clockwise from east; `None` when all are closed.
     pub direction_rad: Option<f64>,
 }
