@@ -25,7 +25,7 @@ import harness
 import plot
 import results
 
-LIBRARIES = ("swathe", "numpy", "scipy", "scikit-image", "dijkstra3d", "xarray-spatial")
+LIBRARIES = ("swathe", "numpy", "scipy", "scikit-image", "dijkstra3d", "xarray-spatial", "mcap", "rosbags")
 
 
 def main(arguments: list[str]) -> int:

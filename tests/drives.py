@@ -44,13 +44,14 @@ def made_second(start_s: float = 0.0, *, steps: int = 35, beams: int = 181, seed
     ranges = drawn.uniform(0, 9, (steps, beams)).astype(np.float32)
     ranges[ranges > 8] = np.inf
     ranges[ranges < 0.1] = np.nan
+    speeds, turns = drawn.normal(size=(2, steps))
     parts: dict[str, Any] = {
         "start_s": start_s,
         "end_s": start_s + 1,
         "scans": Scans(times_s - 0.01, times_s, ranges, -np.pi / 2, np.pi / 180, 0.1, 8.0, (0.2, 0.0, 0.1)),
         "odometry": motion,
         "truth": Motion(times_s, *(drawn.normal(size=steps).cumsum() for _ in range(7))),
-        "commands": Commands(times_s, *drawn.normal(size=(2, steps)), drawn.integers(0, 2, steps, np.uint8)),
+        "commands": Commands(times_s, speeds, turns, drawn.integers(0, 2, steps, np.uint8)),
         "events": [Event(start_s + 0.5, "obstacle_seen", {"range_m": float(drawn.uniform()), "words": "ä <b>"})],
         "ways": [Line(start_s + 0.1, drawn.normal(size=(n, 2))) for n in (0, 1, 5)],
         "routes": [Line(start_s, drawn.normal(size=(3, 2)))],

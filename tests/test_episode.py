@@ -86,7 +86,7 @@ def test_a_fault_stops_the_robot_and_is_told(kind: FaultKind, figures: tuple[flo
     seconds = list(episode.seconds())
     events = [event for second in seconds for event in second.events]
     assert [event.fields["fault"] for event in events if event.kind == "fault_begins"] == [kind]
-    told = [event.fields["reason"] for event in events if event.kind == "status" and event.fields["status"] == "fault"]
+    told = [event.fields["text"] for event in events if event.kind == "status" and event.fields["status"] == "fault"]
     assert any(reason in sentence for sentence in told)
     assert episode.outcome is not None
     assert episode.outcome.collisions == 0

@@ -70,12 +70,12 @@ def test_what_was_written_comes_back(tmp_path: Path) -> None:
 
 @given(angles=st.tuples(st.floats(-3, 3), st.floats(-1.5, 1.5), st.floats(-3, 3)))
 def test_attitudes_come_back(angles: tuple[float, float, float]) -> None:
-    found = cdr.attitude(np.array([cdr.quaternion(*angles)]))
+    found = cdr.attitude(cdr.quaternions(*np.array(angles)[:, None]))
     assert [float(angle[0]) for angle in found] == pytest.approx(angles, abs=1e-6)
 
 
 def test_a_nose_up_is_a_negative_pitch_in_ros() -> None:
-    x, y, z, w = cdr.quaternion(0.0, 0.2, 0.0)
+    x, y, z, w = cdr.quaternions(*np.array([[0.0], [0.2], [0.0]]))[0]
     # Turning the body's forward axis by the quaternion lifts it.
     assert 2 * (x * z - w * y) == pytest.approx(np.sin(0.2))
 

@@ -91,7 +91,7 @@ class Line(NamedTuple):
 
 
 class CertaintyMap(NamedTuple):
-    """The certainty window at a time: rows from north to south, 0 (free or never seen) to 15 (surely closed)."""
+    """The certainty window at a time: rows from north to south, 0 (free) to 15 (surely closed), 255 never seen."""
 
     time_s: float
     certainty: NDArray[np.uint8]
@@ -103,8 +103,8 @@ class CertaintyMap(NamedTuple):
 class Histogram(NamedTuple):
     """The polar histogram of the local method at a time.
 
-    ``fields``: ``densities`` and ``blocked`` by sector counter-clockwise from east, ``thresholds`` (below the first a
-    sector opens, from the second on it is blocked), ``direction_rad`` (None when every direction is closed).
+    ``fields``: ``densities`` by sector, the first one's direction ``first_rad`` counter-clockwise from east,
+    ``thresholds`` (low, high), ``blocked`` by sector, ``direction_rad`` (None when every direction is closed).
     """
 
     time_s: float

@@ -103,6 +103,13 @@ class TruthErrors:
     soil_share: float = 0.0
 
 
+class Way(NamedTuple):
+    """A way for a vehicle: metres driven, and poses along it."""
+
+    length_m: float
+    poses: list[Pose]
+
+
 class World:
     """True terrain and soil, and what stands and moves on it."""
 
@@ -216,14 +223,21 @@ class World:
         """Return why the vehicle must not be at a pose, or None where it may."""
         return cast("NoGo | None", self.core.no_go(_vehicle(vehicle).core, _plane(pose), time_s))
 
-    def passable(
-        self, vehicle: Vehicle | str | Path, start: tuple[float, float], goal: tuple[float, float]
-    ) -> float | None:
-        """Return the length of a way for the vehicle's circle, 0.1 m wider, or None when there is none.
+    def way(self, vehicle: Vehicle | str | Path, start: Pose, goal: tuple[float, float]) -> Way | None:
+        """Return the shortest way that a search of poses finds, or None: the truth that trials are judged by.
 
-        A plain search of cells of 0.1 m: the truth that trials are judged by. What moves is left out.
+        The vehicle's rectangle, 0.1 m wider on every side, is free at every pose; a vehicle with a turning circle keeps
+        to it, forwards and backwards. It ends within 0.3 m of the goal, in any heading. What moves is left out.
         """
-        return self.core.passable(_vehicle(vehicle).core, start, goal)
+        found = self.core.way(_vehicle(vehicle).core, _plane(start), (goal[0], goal[1]))
+        if found is None:
+            return None
+        return Way(found[0], [Pose(*pose) for pose in found[1]])
+
+    def passable(self, vehicle: Vehicle | str | Path, start: Pose, goal: tuple[float, float]) -> float | None:
+        """Return the length of ``way``, or None when there is none."""
+        found = self.way(vehicle, start, goal)
+        return None if found is None else found.length_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,15 +395,16 @@ class Scenario(NamedTuple):
     goal: Position
 
 
-def random_world(seed: int, *, density: float = 2.5, kind: Kind = "clutter") -> Scenario:
-    """Draw a world of 40 x 40 m around the origin: level gravel, start in the west, goal in the east.
+def random_world(seed: int, *, density: float = 2.5, kind: Kind = "clutter", scale: float = 1.0) -> Scenario:
+    """Draw a world of 40 x 40 m around the origin: level gravel, start in the west, goal in the east, a wall around it.
 
-    ``density`` is crates per 100 m2 (2.5 gives 40). Draws do not check that there is a way; ``World.passable`` does.
+    ``density`` is crates per 100 m2 (2.5 gives 40); ``scale`` enlarges the world and its crates for larger vehicles.
+    Draws do not check that there is a way; ``World.passable`` does.
 
     Raises:
-        InvalidParameterError: the density is not from 0 to 50, or there is no such kind.
+        InvalidParameterError: the density is not from 0 to 50, the scale not from 1 to 20, or there is no such kind.
     """
-    core, start, goal = _core.random_world(_seed(seed), density, kind)
+    core, start, goal = _core.random_world(_seed(seed), density, kind, scale)
     return Scenario(World.from_core(core), Pose(*start), Position(*goal))
 
 

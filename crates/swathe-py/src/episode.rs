@@ -9,7 +9,7 @@ use swathe::episode::{Actors, EpisodeParams, Fault, FaultKind, Happening, Motion
 use swathe::grid::Position;
 use swathe::sensor::{Mount, Pose};
 
-use crate::convert::entry;
+use crate::convert::{array, entry};
 use crate::drive::Navigator;
 use crate::error::{CoreError, invalid};
 use crate::events::event_fields;
@@ -58,8 +58,9 @@ fn params(dict: &Bound<'_, PyDict>) -> PyResult<EpisodeParams> {
     })
 }
 
-fn place(at: &Position) -> (f64, f64) {
-    (at.x_m, at.y_m)
+fn place(fields: &Bound<'_, PyDict>, at: &Position) -> PyResult<()> {
+    fields.set_item("x_m", at.x_m)?;
+    fields.set_item("y_m", at.y_m)
 }
 
 fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, Bound<'py, PyDict>)> {
@@ -75,7 +76,7 @@ fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, 
             "fault_ends"
         }
         Happening::ProbeBegins { at, seconds } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("seconds", seconds)?;
             "probe_begins"
         }
@@ -84,14 +85,14 @@ fn happening<'py>(py: Python<'py>, told: &Happening) -> PyResult<(&'static str, 
             moves,
             seen_in_time,
         } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("moves", moves)?;
             fields.set_item("seen_in_time", seen_in_time)?;
             "collision"
         }
         Happening::Sunk => "sunk",
         Happening::NoGoEntered { at, reason } => {
-            fields.set_item("at_m", place(at))?;
+            place(&fields, at)?;
             fields.set_item("reason", no_go_word(*reason))?;
             "no_go_entered"
         }
@@ -176,8 +177,9 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
         .maps
         .into_iter()
         .map(|map| {
-            let certainty = PyArray1::from_vec(py, map.certainty).reshape([map.side, map.side])?;
-            Ok((map.time_s, certainty, map.west_m, map.north_m, map.cell_size_m))
+            let grid = map.certainty.geometry();
+            let certainty = array(py, grid, map.certainty.into_data())?;
+            Ok((map.time_s, certainty, grid.west_m(), grid.north_m(), grid.cell_size_m()))
         })
         .collect();
     dict.set_item("maps", maps?)?;
@@ -185,11 +187,12 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
         .histograms
         .into_iter()
         .map(|row| {
-            let fields = PyDict::new(py);
-            fields.set_item("densities", row.densities)?;
-            fields.set_item("thresholds", row.thresholds)?;
-            fields.set_item("blocked", row.blocked)?;
-            fields.set_item("direction_rad", row.direction_rad)?;
+            let (fields, shown) = (PyDict::new(py), row.histogram);
+            fields.set_item("densities", shown.densities)?;
+            fields.set_item("thresholds", shown.thresholds)?;
+            fields.set_item("blocked", shown.blocked)?;
+            fields.set_item("first_rad", shown.first_rad)?;
+            fields.set_item("direction_rad", shown.direction_rad)?;
             Ok((row.time_s, fields))
         })
         .collect();

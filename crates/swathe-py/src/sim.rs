@@ -221,9 +221,19 @@ impl SimWorld {
         self.inner.no_go(&vehicle.inner, &pose(at), time_s).map(no_go_word)
     }
 
-    fn passable(&self, py: Python<'_>, vehicle: &Vehicle, start: Point, goal: Point) -> Option<f64> {
+    /// Length and poses (x, y, heading) of the shortest way.
+    #[allow(clippy::type_complexity, reason = "length and poses")]
+    fn way(
+        &self,
+        py: Python<'_>,
+        vehicle: &Vehicle,
+        start: (f64, f64, f64),
+        goal: Point,
+    ) -> Option<(f64, Vec<(f64, f64, f64)>)> {
         let (world, vehicle) = (&self.inner, &vehicle.inner);
-        py.detach(|| swathe::sim::passable(world, vehicle, position(start), position(goal)))
+        let found = py.detach(|| swathe::sim::way(world, vehicle, &pose(start), position(goal)))?;
+        let poses = found.poses.iter().map(|pose| (pose.x_m, pose.y_m, pose.heading_rad));
+        Some((found.length_m, poses.collect()))
     }
 
     /// Outlines: (kind, points, radius or 0, height).
@@ -249,9 +259,14 @@ impl SimWorld {
 
 /// A drawn world, its start and its goal.
 #[pyfunction]
-pub(crate) fn random_world(seed: u64, density: f64, kind: &str) -> PyResult<(SimWorld, PoseFigures, Point)> {
+pub(crate) fn random_world(
+    seed: u64,
+    density: f64,
+    kind: &str,
+    scale: f64,
+) -> PyResult<(SimWorld, PoseFigures, Point)> {
     let kind = word("kind of world", kind, &KINDS)?;
-    let drawn = swathe::sim::random_world(seed, density, kind).map_err(CoreError::from)?;
+    let drawn = swathe::sim::random_world(seed, density, kind, scale).map_err(CoreError::from)?;
     let goal = (drawn.goal.x_m, drawn.goal.y_m);
     Ok((SimWorld { inner: drawn.world }, pose_figures(&drawn.start), goal))
 }

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SUMMARY = "summary.json"
+RUN_LOG = "run.mcap"
 
 #: The pictures of ``swathe figures`` in the order in which a reader meets them.
 FIGURES = (
@@ -34,15 +35,14 @@ FIGURES = (
 #: The log of a drive: it alone grows in place, and is readable up to where it was cut.
 RUN_LOG = "run.mcap"
 
+#: The pictures of a drive in the order in which a reader meets them.
+DRIVE_PICTURES = ("drive-map.png", "drive.gif", "drive-frames.png", "drive-profile.png")
+
 #: Every file that a run may leave; a folder that holds anything else is not ours.
 OUR_FILES = frozenset(
     {
         SUMMARY,
         RUN_LOG,
-        "drive.png",
-        "drive.gif",
-        "frames.png",
-        "speed.png",
         "route.geojson",
         "nests.geojson",
         "rank.tif",
@@ -51,6 +51,8 @@ OUR_FILES = frozenset(
         "report.html",
         "animation.gif",
         "animation.html",
+        RUN_LOG,
+        *DRIVE_PICTURES,
         "index.html",
         *FIGURES,
     }

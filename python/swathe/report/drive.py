@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -169,7 +170,9 @@ class Drive:
 
     def body_points(self, row: int) -> NDArray[np.float64]:
         """Return what a scan hit, ahead and left of the body, (n, 2)."""
-        return self._hits[0][self._hits[1] == row]
+        points, rows = self._hits
+        found: NDArray[np.float64] = points[rows == row]
+        return found
 
     def map_points(self, row: int) -> NDArray[np.float64]:
         """Return where a scan's hits lie on the map by the pose that the robot believed, (n, 2)."""
@@ -223,7 +226,7 @@ class Drive:
         return truth.times_s[rows], nearest
 
     def moments(self, count: int = 8) -> list[Moment]:
-        """Return ``count`` moments in order: the ends, the first obstacle, what went wrong or was learnt, and others."""
+        """Return ``count`` moments in order: the ends, the first obstacle, what went wrong or was learnt, others."""
         wanted = [Moment(self.start_s, "start"), Moment(self.end_s, self._ending())]
         times_s, nearest = self.clearance_seen_m
         near = np.flatnonzero(nearest < _NEAR_LENGTHS * self.length_m)
@@ -235,13 +238,14 @@ class Drive:
             wanted += [Moment(found[place], name) for place in _spread(len(found), 2)]
         apart_s = max(0.4, 0.35 * (self.end_s - self.start_s) / count)
         chosen: list[Moment] = []
-        even = np.linspace(self.start_s, self.end_s, 4 * count + 1).tolist()
-        # From coarse to fine, so that what fills up lies in the widest gaps.
-        fill = [Moment(time_s, "on the way") for step in (4, 2, 1) for time_s in even[::step]]
-        for gap_s in (apart_s, apart_s / 2):
-            for moment in (*wanted, *fill):
-                if len(chosen) < count and all(abs(moment.time_s - other.time_s) >= gap_s for other in chosen):
-                    chosen.append(moment)
+        for moment in wanted:
+            if len(chosen) < count and all(abs(moment.time_s - other.time_s) >= apart_s for other in chosen):
+                chosen.append(moment)
+        while len(chosen) < count and self.end_s > self.start_s:
+            chosen.sort()
+            _, widest = max((after.time_s - before.time_s, before.time_s) for before, after in pairwise(chosen))
+            gap_s = next(after.time_s for after in chosen if after.time_s > widest) - widest
+            chosen.append(Moment(widest + gap_s / 2, "on the way"))
         return sorted(chosen)
 
     def _ending(self) -> str:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _VIEW_IN = 2.5
 _HISTOGRAM_IN = 0.72
-_CAPTION_IN = 0.56
+_CAPTION_IN = 0.44
 _GAP_IN = 0.3
 _ROW_GAP_IN = 0.5
 _LEFT_IN = 0.35
@@ -68,10 +68,12 @@ def draw_frames(path: Path | str, drive: Drive, metadata: Mapping[str, str], cou
     columns = min(_COLUMNS, len(moments))
     rows = math.ceil(len(moments) / columns)
     width_in = 2 * _LEFT_IN + columns * _VIEW_IN + (columns - 1) * _GAP_IN
-    subtitle = "Above what the scan hit, the certainty grid and the way; below the polar histogram from left to right."
+    histogram_in = _HISTOGRAM_IN if drive.log.histograms else 0.0
+    subtitle = "What the scan hit, the certainty grid and the way, north up"
+    subtitle += "; below each the polar histogram, unrolled." if histogram_in else "."
     title = "Frames of the drive"
-    heading_in = heading_height_in(width_in, _LEFT_IN, title, subtitle)
-    each_in = _CAPTION_IN + _VIEW_IN + _HISTOGRAM_IN + _ROW_GAP_IN
+    heading_in = heading_height_in(width_in, _LEFT_IN, title, subtitle) + 0.12
+    each_in = _CAPTION_IN + _VIEW_IN + histogram_in + (_ROW_GAP_IN if histogram_in else 0.16)
     height_in = heading_in + rows * each_in + _KEY_IN
     with drawing(width_in, height_in) as figure:
         add_heading(figure, _LEFT_IN, title, subtitle)
@@ -82,8 +84,9 @@ def draw_frames(path: Path | str, drive: Drive, metadata: Mapping[str, str], cou
             _draw_caption(figure, drive, moment, (left_in, top_in))
             view = add_axes_in(figure, left_in, top_in - _CAPTION_IN - _VIEW_IN, _VIEW_IN, _VIEW_IN)
             _draw_view(view, drive, moment.time_s, half_m)
-            bottom_in = top_in - _CAPTION_IN - _VIEW_IN - _HISTOGRAM_IN - 0.06
-            _draw_histogram(add_axes_in(figure, left_in, bottom_in, _VIEW_IN, _HISTOGRAM_IN), drive, moment.time_s)
+            if histogram_in:
+                bottom_in = top_in - _CAPTION_IN - _VIEW_IN - histogram_in - 0.06
+                _draw_histogram(add_axes_in(figure, left_in, bottom_in, _VIEW_IN, histogram_in), drive, moment.time_s)
         _draw_key(add_axes_in(figure, _LEFT_IN, 0.0, width_in - 2 * _LEFT_IN, _KEY_IN), drive)
         save(figure, path, metadata)
 
@@ -174,8 +177,8 @@ def _draw_histogram(axes: Axes, drive: Drive, time_s: float) -> None:
     fields = histogram.fields
     heading = math.degrees(_believed_heading(drive, histogram.time_s))
     width = 360 / len(densities)
-    middles = _around((np.arange(len(densities)) + 0.5) * width - heading)
-    closed = _flags(fields, "blocked", len(densities))
+    middles = _around(np.arange(0.5, len(densities)) * width - heading)
+    closed = _flags(fields, "masked", len(densities)) | _flags(fields, "blocked", len(densities))
     thresholds = [float(value) for value in fields.get("thresholds") or []]
     shown = np.nan_to_num(densities, posinf=0.0)
     ceiling = max([2.2 * value for value in thresholds] or [float(shown.max())]) or 1.0
@@ -223,8 +226,9 @@ def _draw_key(axes: Axes, drive: Drive) -> None:
         (Line2D((), (), color=LIMIT_COLOUR, lw=1.0, ls=(0, (4, 2.5))), "thresholds"),
         (Rectangle((0, 0), 0.2, 0.12, facecolor=_BLOCKED_COLOUR, edgecolor="none"), "closed sector"),
     ]
-    if not drive.log.routes:
-        del entries[2]
+    unused = set() if drive.log.routes else {"global route"}
+    unused |= set() if drive.log.histograms else {"chosen direction", "thresholds", "closed sector"}
+    entries = [entry for entry in entries if entry[1] not in unused]
     at_in, middle_in = 0.0, 0.22
     for sample, name in entries:
         if isinstance(sample, Rectangle):

@@ -56,7 +56,7 @@ _MARKS = (
 )
 
 
-def draw_map(path: Path | str, drive: Drive, metadata: Mapping[str, str]) -> None:
+def draw_drive_map(path: Path | str, drive: Drive, metadata: Mapping[str, str]) -> None:
     """Draw the map of a drive as PNG at ``path``.
 
     Raises:

@@ -4,26 +4,36 @@ from __future__ import annotations
 
 import base64
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swathe.errors import InputError, MissingFileError, UnreadableFileError
+from swathe.export.folder import DRIVE_PICTURES, RUN_LOG
 from swathe.report.output import replacing
 from swathe.report.page import page
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+if TYPE_CHECKING:
+    from swathe.episode import Event
+
+_SIGNATURES = {".png": b"\x89PNG\r\n\x1a\n", ".gif": b"GIF89a"}
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """What a run left behind; parts that it did not write are empty or None."""
+    """What a run left behind; parts that it did not write are empty or None.
+
+    ``events`` and ``cut`` are those of a drive's log, ``drive_base64`` its pictures by the names of their files.
+    """
 
     summary: dict[str, Any]
     legs: tuple[dict[str, Any], ...] = ()
     nests: tuple[dict[str, Any], ...] = ()
     map_base64: str | None = None
     profile_base64: str | None = None
+    events: tuple[Event, ...] = ()
+    cut: str | None = None
+    drive_base64: dict[str, str] = field(default_factory=dict)
 
 
 def write_html(folder: Path | str) -> Path:
@@ -64,12 +74,19 @@ def read_run_folder(folder: Path) -> RunFolder:
         raise MissingFileError(f"The folder {folder} holds no summary.json, which marks a complete run.", remedy)
     if not isinstance(summary, dict):
         raise UnreadableFileError(f"{folder / 'summary.json'} is not a summary of a run.", remedy)
+    from swathe.runlog import RunLog
+
+    log = RunLog.read(folder / RUN_LOG) if (folder / RUN_LOG).exists() else None
+    pictures = {name: _read_picture(folder / name) for name in DRIVE_PICTURES}
     return RunFolder(
         summary=summary,
         legs=_properties(_read_json(folder / "route.geojson")),
         nests=_properties(_read_json(folder / "nests.geojson")),
-        map_base64=_read_png(folder / "map.png"),
-        profile_base64=_read_png(folder / "profile.png"),
+        map_base64=_read_picture(folder / "map.png"),
+        profile_base64=_read_picture(folder / "profile.png"),
+        events=() if log is None else tuple(log.events),
+        cut=None if log is None else log.cut,
+        drive_base64={name: content for name, content in pictures.items() if content is not None},
     )
 
 
@@ -105,10 +122,10 @@ def _properties(collection: object) -> tuple[dict[str, Any], ...]:
     return tuple(properties for properties in found if isinstance(properties, dict))
 
 
-def _read_png(path: Path) -> str | None:
+def _read_picture(path: Path) -> str | None:
     content = _read_bytes(path)
     if content is None:
         return None
-    if not content.startswith(_PNG_SIGNATURE):
-        raise UnreadableFileError(f"{path} is not a PNG picture.", "Run the command again.")
+    if not content.startswith(_SIGNATURES[path.suffix]):
+        raise UnreadableFileError(f"{path} is not a {path.suffix[1:].upper()} picture.", "Run the command again.")
     return base64.b64encode(content).decode("ascii")

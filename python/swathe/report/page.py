@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import itertools
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from swathe.export.folder import DRIVE_PICTURES
 from swathe.report import wording
 from swathe.report.palette import SOIL_COLOURS
 from swathe.report.wording import MISSING, number
@@ -16,6 +18,7 @@ from swathe.report.wording import MISSING, number
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from swathe.episode import Event
     from swathe.report.html import RunFolder
 
 # Longer tables of legs are folded away; past the second limit the rest is left to the GeoJSON file.
@@ -23,6 +26,14 @@ _MOST_OPEN_LEGS = 40
 _MOST_LEGS = 2000
 _MOST_NESTS = 20
 _MOST_NEST_COLUMNS = 7
+_MOST_EVENTS = 500
+_MOST_OF_A_KIND = 3
+_DRIVE_WORDS = {
+    "drive-map.png": "Map of the drive: the global route, the way that was driven dotted, obstacles and what was seen.",
+    "drive.gif": "The drive as an animation.",
+    "drive-frames.png": "Moments of the drive: scan, certainty grid, polar histogram and command.",
+    "drive-profile.png": "Speed, clearance and turn rate over time.",
+}
 
 
 def page(run: RunFolder) -> str:
@@ -35,6 +46,7 @@ def page(run: RunFolder) -> str:
     sections = [
         _header(summary),
         _tiles(summary),
+        _drive(run),
         _picture(run.map_base64, f"Map of the run. {wording.headline(summary)}."),
         _picture(run.profile_base64, "Height, soil, grade and speed along the route."),
         _legs(run.legs),
@@ -170,10 +182,60 @@ def _bound(summary: dict[str, Any]) -> str:
     return f"at most {100 * (cost / bound - 1):.1f} % above the best"
 
 
-def _picture(content_base64: str | None, alt: str) -> str:
+def _picture(content_base64: str | None, alt: str, kind: str = "png") -> str:
     if content_base64 is None:
         return ""
-    return f'<figure class="picture"><img alt="{_text(alt)}" src="data:image/png;base64,{content_base64}"></figure>'
+    return f'<figure class="picture"><img alt="{_text(alt)}" src="data:image/{kind};base64,{content_base64}"></figure>'
+
+
+def _drive(run: RunFolder) -> str:
+    """Return how a drive went: its figures, pictures and events; nothing where there was none."""
+    if not run.drive_base64 and not run.events and run.cut is None:
+        return ""
+    summary = run.summary
+    shown = [
+        ("Outcome", wording.headline({"status": summary.get("status")}) if summary.get("status") else ""),
+        ("Why", _text(summary.get("reason") or "")),
+        ("Driven", wording.length(summary.get("distance_m"))),
+        ("Time", wording.duration(summary.get("duration_s"))),
+        ("Nearest to an obstacle", wording.metres(summary.get("min_clearance_m"))),
+        *(
+            (name, wording.count(summary.get(key)))
+            for name, key in (
+                ("Collisions", "collisions"),
+                ("Local routes laid", "replans"),
+                ("Soil readings", "probes"),
+                ("News of the soil", "soil_updates"),
+                ("Times on no-go ground", "no_go_entries"),
+            )
+        ),
+        ("Log", _text(f"It was cut. {run.cut}") if run.cut else ""),
+    ]
+    facts = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in shown if value not in {"", MISSING})
+    pictures = [
+        _picture(run.drive_base64.get(name), _DRIVE_WORDS[name], name.rpartition(".")[2]) for name in DRIVE_PICTURES
+    ]
+    return "\n".join(["<h2>Drive</h2>", f'<dl class="facts">{facts}</dl>', *pictures, _events(run.events)])
+
+
+def _events(events: Sequence[Event]) -> str:
+    """Return the table of events; many of one kind in a row are one line."""
+    rows = []
+    for kind, group in itertools.groupby(events, key=lambda event: event.kind):
+        same = list(group)
+        if len(same) > _MOST_OF_A_KIND:
+            until = f"until {same[-1].time_s:.1f} s, {len(same):,} times"
+            rows.append((f"{same[0].time_s:.1f} s", _text(kind.replace("_", " ")), _text(until)))
+        else:
+            rows += [(f"{e.time_s:.1f} s", _text(kind.replace("_", " ")), _pairs(e.fields)) for e in same]
+    if not rows:
+        return ""
+    table = _table([("Time", "right"), ("Event", "tight"), ("", "wide")], rows[:_MOST_EVENTS])
+    if len(rows) > _MOST_EVENTS:
+        table += f'<p class="under">The other {len(rows) - _MOST_EVENTS:,} are in run.mcap.</p>'
+    if len(rows) > _MOST_OPEN_LEGS:
+        table = f"<details><summary>Show {len(rows):,} events</summary>{table}</details>"
+    return f"<h3>Events</h3>{table}"
 
 
 def _table(head: Sequence[tuple[str, str]], rows: Iterable[Sequence[str]]) -> str:

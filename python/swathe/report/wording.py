@@ -64,6 +64,12 @@ def length(value: object) -> str:
     return f"{metres:.0f} m" if abs(metres) >= 10 or metres == round(metres) else f"{metres:.1f} m"
 
 
+def metres(value: object) -> str:
+    """Return a short distance as 0.52 m."""
+    plain = number(value)
+    return MISSING if plain is None else f"{plain:.2f} m"
+
+
 def duration(value: object) -> str:
     """Return seconds as 1 h 04 min, 12 min, 48 s or 0.35 s."""
     seconds = number(value)

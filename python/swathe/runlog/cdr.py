@@ -190,28 +190,36 @@ def read_path(body: bytes) -> NDArray[np.float64]:
 
 def stamps(times_ns: NDArray[np.uint64]) -> NDArray[np.uint32]:
     """Return nanoseconds as rows of seconds and nanoseconds."""
-    return np.stack([times_ns // _NS, times_ns % _NS], axis=-1).astype(np.uint32)
+    found = np.empty((len(times_ns), 2), np.uint32)
+    found[:, 0] = seconds = times_ns // _NS
+    found[:, 1] = times_ns - seconds * _NS
+    return found
 
 
-def quaternion(heading_rad: float, pitch_rad: float, roll_rad: float) -> tuple[float, float, float, float]:
-    """Return x, y, z, w of an attitude with nose up and right side down positive.
+def quaternions(
+    heading_rad: NDArray[np.float64], pitch_rad: NDArray[np.float64], roll_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return rows x, y, z, w of attitudes with nose up and right side down positive.
 
-    ROS turns about axes ahead, left and up, so that its pitch has the other sign. The sine is the computer's own:
-    numpy's differs in the last bit from machine to machine.
+    ROS turns about axes ahead, left and up, so that its pitch has the other sign.
     """
-    cos_h, sin_h = math.cos(heading_rad / 2), math.sin(heading_rad / 2)
-    cos_p, sin_p = math.cos(pitch_rad / 2), -math.sin(pitch_rad / 2)
-    cos_r, sin_r = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    return (
-        sin_r * cos_p * cos_h - cos_r * sin_p * sin_h,
-        cos_r * sin_p * cos_h + sin_r * cos_p * sin_h,
-        cos_r * cos_p * sin_h - sin_r * sin_p * cos_h,
-        cos_r * cos_p * cos_h + sin_r * sin_p * sin_h,
-    )
+    (cos_h, sin_h), (cos_p, sin_p), (cos_r, sin_r) = map(_half_angle, (heading_rad, -pitch_rad, roll_rad))
+    found = np.empty((len(heading_rad), 4))
+    found[:, 0] = sin_r * cos_p * cos_h - cos_r * sin_p * sin_h
+    found[:, 1] = cos_r * sin_p * cos_h + sin_r * cos_p * sin_h
+    found[:, 2] = cos_r * cos_p * sin_h - sin_r * sin_p * cos_h
+    found[:, 3] = cos_r * cos_p * cos_h + sin_r * sin_p * sin_h
+    return found
+
+
+def _half_angle(angles_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return cosine and sine of half of each angle; by the C library, for numpy's differ from machine to machine."""
+    halves = (0.5 * angles_rad).tolist()
+    return np.array([math.cos(half) for half in halves]), np.array([math.sin(half) for half in halves])
 
 
 def attitude(quaternions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return heading, pitch and roll of rows x, y, z, w: the way back of ``quaternion``."""
+    """Return heading, pitch and roll of rows x, y, z, w: the way back of ``quaternions``."""
     x, y, z, w = quaternions.T
     heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     pitch = -np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mcap.records import Attachment, Channel, Metadata, Schema
@@ -32,6 +34,8 @@ CHANNELS = {topic: number for number, topic in enumerate(TOPICS, 1)}
 #: The one figure of an outcome that a clock measures.
 _MEASURED = "longest_step_s"
 _MESSAGE = 5  # the opcode
+_PREFIX = struct.Struct("<BQHIQQ")
+_JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 #: The greatest certainty of a cell.
 MOST_CERTAIN = 15
 
@@ -128,31 +132,31 @@ class RunLogWriter:
         self._file.close()
 
     def _motion(self, second: Second) -> Iterator[Batch | None]:
+        clock = _clock(second.odometry.times_s)
         for topic, motion, child in (
             ("/odom", second.odometry, cdr.BODY_FRAME),
             ("/truth", second.truth, cdr.TRUE_BODY_FRAME),
         ):
-            places = np.stack([motion.x_m, motion.y_m, np.zeros(len(motion.x_m))], axis=1)
-            turns = _attitudes(motion.heading_rad, motion.pitch_rad, motion.roll_rad)
-            times_ns = _ns(motion.times_s)
-            rows, message = self._rows(topic, cdr.odometry_layout(child), times_ns)
-            message["position"], message["orientation"] = places, turns
+            rows, message = self._rows(topic, cdr.odometry_layout(child), clock)
+            turns = cdr.quaternions(motion.heading_rad, motion.pitch_rad, motion.roll_rad)
+            places = message["position"]
+            places[:, 0], places[:, 1], message["orientation"] = motion.x_m, motion.y_m, turns
             message["linear"][:, 0], message["angular"][:, 2] = motion.speed_mps, motion.turn_rate_radps
             yield _batch(topic, rows)
             if topic == "/odom":
-                rows, message = self._rows("/tf", cdr.transform_layout(cdr.MAP_FRAME, child), times_ns)
+                rows, message = self._rows("/tf", cdr.transform_layout(cdr.MAP_FRAME, child), clock)
                 message["transforms"], message["translation"], message["rotation"] = 1, places, turns
                 yield _batch("/tf", rows)
         commands = second.commands
-        rows, message = self._rows("/cmd_vel", cdr.twist_layout(), _ns(commands.times_s))
+        rows, message = self._rows("/cmd_vel", cdr.twist_layout(), clock)
         message["linear"][:, 0], message["angular"][:, 2] = commands.speed_mps, commands.turn_rate_radps
         yield _batch("/cmd_vel", rows)
 
     def _sensed(self, second: Second) -> Iterator[Batch | None]:
         scans = second.scans
         beams = scans.ranges_m.shape[1] if scans.ranges_m.ndim == 2 else 0
-        taken_ns = _ns(scans.times_s)
-        rows, message = self._rows("/scan", cdr.scan_layout(beams), _ns(scans.arrivals_s), taken_ns)
+        taken = _clock(scans.times_s)
+        rows, message = self._rows("/scan", cdr.scan_layout(beams), taken, arrived_ns=_ns(scans.arrivals_s))
         for name, value in (
             ("angle_min", scans.angle_min_rad),
             ("angle_max", scans.angle_min_rad + (beams - 1) * scans.angle_increment_rad),
@@ -163,13 +167,13 @@ class RunLogWriter:
         ):
             message[name] = value
         yield _batch("/scan", rows)
-        if len(taken_ns) and not self._has_mount:
+        if len(taken.times_ns) and not self._has_mount:
             self._has_mount = True
             ahead_m, left_m, heading_rad = scans.mount
             layout = cdr.transform_layout(cdr.BODY_FRAME, cdr.LASER_FRAME)
-            rows, message = self._rows("/tf_static", layout, taken_ns[:1])
+            rows, message = self._rows("/tf_static", layout, _clock(scans.times_s[:1]))
             message["transforms"], message["translation"] = 1, (ahead_m, left_m, 0.0)
-            message["rotation"] = cdr.quaternion(heading_rad, 0.0, 0.0)
+            message["rotation"] = cdr.quaternions(np.array([heading_rad]), np.zeros(1), np.zeros(1))
             yield _batch("/tf_static", rows)
 
     def _lines(self, second: Second) -> Iterator[Batch | None]:
@@ -210,20 +214,18 @@ class RunLogWriter:
         self._status = int(codes[-1])
 
     def _rows(
-        self, topic: str, layout: Layout, times_ns: NDArray[np.uint64], published_ns: NDArray[np.uint64] | None = None
+        self, topic: str, layout: Layout, clock: _Clock, *, arrived_ns: NDArray[np.uint64] | None = None
     ) -> tuple[NDArray[np.void], NDArray[np.void]]:
         """Return a row a message with all but its figures filled in, and the view of the messages in them."""
-        # Zeros, because an assignment leaves the gaps between fields as they are.
-        rows = np.zeros(len(times_ns), np.dtype([("prefix", MESSAGE_PREFIX), ("message", layout.dtype)]))
+        dtype, template = _record(layout, CHANNELS[topic])
+        # Bytes, because an assignment of rows leaves the gaps between their fields as they are.
+        rows = np.frombuffer(bytearray(template * len(clock.times_ns)), dtype)
         prefix, message = rows["prefix"], rows["message"]
-        message[:] = layout.template
-        prefix["opcode"], prefix["channel"] = _MESSAGE, CHANNELS[topic]
-        prefix["length"] = rows.dtype.itemsize - 9
         first = self._file.count(CHANNELS[topic])
         prefix["sequence"] = np.arange(first, first + len(rows))
-        prefix["log_time"] = times_ns
-        prefix["publish_time"] = times_ns if published_ns is None else published_ns
-        message["stamp"] = cdr.stamps(prefix["publish_time"])
+        prefix["log_time"] = clock.times_ns if arrived_ns is None else arrived_ns
+        prefix["publish_time"] = clock.times_ns
+        message["stamp"] = clock.stamps
         return rows, message
 
     def _messages(self, topic: str, told: Sequence[tuple[float, dict[str, Any]]]) -> Batch | None:
@@ -235,15 +237,37 @@ class RunLogWriter:
         """Return messages of different lengths."""
         if not bodies:
             return None
-        prefix = np.zeros(len(bodies), MESSAGE_PREFIX)
-        lengths = np.array([len(body) for body in bodies], np.uint64) + np.uint64(MESSAGE_PREFIX.itemsize)
-        first = self._file.count(CHANNELS[topic])
-        prefix["opcode"], prefix["channel"], prefix["length"] = _MESSAGE, CHANNELS[topic], lengths - np.uint64(9)
-        prefix["sequence"] = np.arange(first, first + len(bodies))
-        prefix["log_time"] = prefix["publish_time"] = times_ns
-        content = b"".join(part for head, body in zip(prefix, bodies, strict=True) for part in (head.tobytes(), body))
-        starts = np.cumsum(lengths) - lengths
-        return Batch(CHANNELS[topic], np.array(times_ns, np.uint64), starts, content)
+        channel = CHANNELS[topic]
+        first = self._file.count(channel)
+        parts, starts, end = [], [], 0
+        for place, (time_ns, body) in enumerate(zip(times_ns, bodies, strict=True)):
+            length = _PREFIX.size - 9 + len(body)
+            parts += [_PREFIX.pack(_MESSAGE, length, channel, first + place, time_ns, time_ns), body]
+            starts.append(end)
+            end += length + 9
+        return Batch(channel, np.array(times_ns, np.uint64), np.array(starts, np.uint64), b"".join(parts))
+
+
+class _Clock(NamedTuple):
+    """Times of rows in nanoseconds, and as ROS's stamps."""
+
+    times_ns: NDArray[np.uint64]
+    stamps: NDArray[np.uint32]
+
+
+def _clock(times_s: NDArray[np.float64]) -> _Clock:
+    times_ns = _ns(times_s)
+    return _Clock(times_ns, cdr.stamps(times_ns))
+
+
+@lru_cache
+def _record(layout: Layout, channel: int) -> tuple[np.dtype[np.void], bytes]:
+    """Return how a message of a channel lies in a chunk, and the bytes of one without its figures."""
+    dtype = np.dtype([("prefix", MESSAGE_PREFIX), ("message", layout.dtype)])
+    row = np.zeros(1, dtype)
+    row["prefix"]["opcode"], row["prefix"]["channel"], row["prefix"]["length"] = _MESSAGE, channel, dtype.itemsize - 9
+    row["message"] = layout.template
+    return dtype, row.tobytes()
 
 
 def _batch(topic: str, rows: NDArray[np.void]) -> Batch | None:
@@ -267,13 +291,6 @@ def _map_body(window: CertaintyMap) -> bytes:
 
 def _ns(times_s: NDArray[np.float64]) -> NDArray[np.uint64]:
     return np.rint(np.maximum(times_s, 0.0) * 1e9).astype(np.uint64)
-
-
-def _attitudes(
-    heading_rad: NDArray[np.float64], pitch_rad: NDArray[np.float64], roll_rad: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    angles = zip(heading_rad.tolist(), pitch_rad.tolist(), roll_rad.tolist(), strict=True)
-    return np.array([cdr.quaternion(*each) for each in angles]).reshape(-1, 4)
 
 
 def _schemas_and_channels() -> tuple[list[Schema], list[Channel]]:
@@ -311,9 +328,9 @@ def _attachment(name: str, content: bytes) -> Attachment:
 
 def _json_text(value: object) -> str:
     try:
-        return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        return _JSON.encode(value)
     except (TypeError, ValueError):
-        return json.dumps(_plain(value), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        return _JSON.encode(_plain(value))
 
 
 def _plain(value: object) -> object:

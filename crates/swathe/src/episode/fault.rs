@@ -145,16 +145,14 @@ impl Held {
                     self.late.push_back((taken.0 + late_s, taken));
                     return;
                 }
-                FaultKind::ScanSwapped => match self.swapped.take() {
-                    Some(earlier) => {
-                        arriving.push(taken);
-                        taken = earlier;
-                    }
-                    None => {
+                FaultKind::ScanSwapped => {
+                    let Some(earlier) = self.swapped.take() else {
                         self.swapped = Some(taken);
                         return;
-                    }
-                },
+                    };
+                    arriving.push(taken);
+                    taken = earlier;
+                }
                 FaultKind::PoseOff(_) | FaultKind::ClockOff(_) | FaultKind::ReadingOf(_) => {}
             }
         }

@@ -1,8 +1,6 @@
 //! Puts a step into the second that it belongs to.
 
-use std::f64::consts::TAU;
-
-use crate::drive::{self, Command, Histogram, Navigator};
+use crate::drive::{self, Command, Navigator};
 use crate::grid::Position;
 use crate::sensor::{PenetrometerReading, Pose};
 use crate::sim::{BodyState, World};
@@ -67,21 +65,25 @@ impl Recorder {
             self.way.clear();
             self.way.extend_from_slice(way);
         }
+        if due(&mut self.maps, time_s, MAP_S) {
+            let window = navigator.certainty_window();
+            second
+                .maps
+                .extend(window.map(|certainty| CertaintyMap { time_s, certainty }));
+        }
         let route = navigator.global_route();
-        if !self.route.ends_with(route.get(1..).unwrap_or_default()) || route.is_empty() != self.route.is_empty() {
+        if self.route != route {
             second.routes.push((time_s, route.to_vec()));
             self.route.clear();
             self.route.extend_from_slice(route);
         }
-        if due(&mut self.maps, time_s, MAP_S) {
-            second.maps.push(map(navigator, time_s));
-        }
         if !due(&mut self.histograms, time_s, HISTOGRAM_S) {
             return;
         }
-        if let Some(histogram) = navigator.histogram() {
-            second.histograms.push(from_east(time_s, histogram));
-        }
+        let histogram = navigator.histogram();
+        second
+            .histograms
+            .extend(histogram.map(|histogram| HistogramRow { time_s, histogram }));
         if !world.movers().is_empty() {
             second.movers.times_s.push(time_s);
             second
@@ -89,30 +91,6 @@ impl Recorder {
                 .positions
                 .extend(world.movers().iter().map(|mover| mover.at(time_s)));
         }
-    }
-}
-
-/// A histogram with its first sector turned to the east.
-fn from_east(time_s: f64, histogram: Histogram) -> HistogramRow {
-    let Histogram {
-        mut densities,
-        mut blocked,
-        first_rad,
-        thresholds: (open, closed),
-        direction_rad,
-    } = histogram;
-    let count = densities.len().max(1);
-    let turned = (first_rad.rem_euclid(TAU) / TAU * count as f64).round() as usize % count;
-    if !densities.is_empty() && densities.len() == blocked.len() {
-        densities.rotate_right(turned);
-        blocked.rotate_right(turned);
-    }
-    HistogramRow {
-        time_s,
-        densities,
-        thresholds: [open, closed],
-        blocked,
-        direction_rad,
     }
 }
 
@@ -129,23 +107,6 @@ fn push_command(rows: &mut CommandRows, time_s: f64, command: &Command) {
     rows.speeds_mps.push(command.speed_mps);
     rows.turn_rates_radps.push(command.turn_rate_radps);
     rows.statuses.push(status_code(command.status));
-}
-
-fn map(navigator: &Navigator, time_s: f64) -> CertaintyMap {
-    let grid = navigator.certainty();
-    let (side, cell_size_m) = (grid.side_cells(), grid.params().cell_size_m);
-    let (x_m, y_m) = grid.middle_m();
-    let mut certainty = vec![0; side * side];
-    grid.copy_window(x_m, y_m, side, &mut certainty);
-    let half_m = side as f64 * cell_size_m / 2.0;
-    CertaintyMap {
-        time_s,
-        certainty,
-        side,
-        west_m: x_m - half_m,
-        north_m: y_m + half_m,
-        cell_size_m,
-    }
 }
 
 /// The navigator's events that are told as such: what the grids say has rows of its own.

@@ -1,7 +1,7 @@
 //! What is recorded of an episode: rows, maps and events, in the order in which they came.
 
 use crate::drive::{self, Status};
-use crate::grid::Position;
+use crate::grid::{Layer, Position};
 use crate::sensor::{PenetrometerReading, Pose, Scan};
 use crate::sim::NoGo;
 
@@ -83,16 +83,8 @@ pub fn status_code(status: Status) -> u8 {
 pub struct CertaintyMap {
     /// When.
     pub time_s: f64,
-    /// Certainties, rows from north to south.
-    pub certainty: Vec<u8>,
-    /// Cells along a side.
-    pub side: usize,
-    /// West edge in metres.
-    pub west_m: f64,
-    /// North edge in metres.
-    pub north_m: f64,
-    /// Side of a cell in metres.
-    pub cell_size_m: f64,
+    /// Certainties as [`drive::Navigator::certainty_window`] gives them.
+    pub certainty: Layer<u8>,
 }
 
 /// The local method's histogram at a time.
@@ -100,14 +92,8 @@ pub struct CertaintyMap {
 pub struct HistogramRow {
     /// When.
     pub time_s: f64,
-    /// Density of every sector, counter-clockwise from east.
-    pub densities: Vec<f32>,
-    /// Densities below which a sector opens, and from which on it is blocked.
-    pub thresholds: [f64; 2],
-    /// Whether a sector is blocked.
-    pub blocked: Vec<bool>,
-    /// The chosen direction counter-clockwise from east; `None` when all are closed.
-    pub direction_rad: Option<f64>,
+    /// What the method saw and chose.
+    pub histogram: drive::Histogram,
 }
 
 /// Where what moves was.

@@ -23,7 +23,7 @@ struct Cast {
 }
 
 fn cast(seed: u64, kind: ScenarioKind, density: f64, vehicle: &Vehicle, params: EpisodeParams) -> Cast {
-    let scenario = random_world(seed, density, kind).unwrap();
+    let scenario = random_world(seed, density, kind, 1.0).unwrap();
     let sensing = RobotParams {
         seed,
         ..RobotParams::default()

@@ -18,6 +18,7 @@ mod obstacle;
 mod penetrometer;
 mod relief;
 mod robot;
+mod way;
 mod world;
 
 use thiserror::Error;
@@ -27,7 +28,7 @@ use crate::soil::SoilError;
 use crate::vehicle::VehicleError;
 
 pub use body::{Body, BodyState, Command, Motion, Steering, Stop};
-pub use draw::{Scenario, ScenarioKind, passable, random_world};
+pub use draw::{Scenario, ScenarioKind, random_world};
 pub use ground::{Ground, NoGo, TruthErrors};
 pub use laser::{Laser, PIONEER_SONAR_RAD, pioneer_sonar};
 pub use localiser::{Localiser, LocaliserParams};
@@ -36,6 +37,7 @@ pub use obstacle::{Footprint, Obstacle, Shape};
 pub use penetrometer::Penetrometer;
 pub use relief::Relief;
 pub use robot::{Observation, Robot, RobotParams};
+pub use way::{Way, passable, way};
 pub use world::{Mover, World};
 
 /// What can be wrong with a request to the simulated world.
