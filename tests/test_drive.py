@@ -40,7 +40,14 @@ def test_a_region_of_no_go_ground_stops_the_robot() -> None:
     region = Region(np.ones((20, 20), dtype=np.uint8), GridGeometry(20, 20, 2.0, -20.0, 20.0))
     navigator = Navigator("jackal", (10.0, 0.0), region=region)
     assert navigator.step(0.0, Pose(0, 0, 0), 0.0, 0.0, clear()).status == "stopped"
-    assert any(event.startswith("Navigability") for event in navigator.events)
+    told = next(event for event in navigator.events if event.kind == "navigability")
+    assert told.as_dict() == {
+        "kind": "navigability",
+        "time_s": 0.0,
+        "grids": [False, False],
+        "navigable": False,
+        "disagreement": False,
+    }
 
 
 def test_what_cannot_be_is_refused() -> None:

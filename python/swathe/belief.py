@@ -353,6 +353,22 @@ def units_of_classes(soil: ArrayLike) -> tuple[NDArray[np.uint32], dict[int, Uni
     return layer, units
 
 
+def core_units(units: Mapping[int, Unit]) -> list[tuple[int, int, int, list[float] | None]]:
+    """Return polygons as the core takes them.
+
+    Raises:
+        InvalidParameterError: a number is none of a polygon.
+    """
+    symbols = {symbol: number for number, symbol in enumerate(sorted({u.symbol for u in units.values()} - {""}), 1)}
+    rows = []
+    for number, unit in units.items():
+        if not 0 < number <= 0xFFFFFFFF:
+            raise InvalidParameterError(f"{number} is no number of a polygon.", "Number polygons from 1 on.")
+        shares = None if unit.shares is None else [float(unit.shares.get(soil, 0.0)) for soil in CLASSES]
+        rows.append((number, symbols.get(unit.symbol, 0), int(unit.soil_class), shares))
+    return rows
+
+
 class SoilBelief:
     """What is believed of the soil, with the decisions for one vehicle kept up to date.
 
@@ -395,17 +411,10 @@ class SoilBelief:
         machine = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle)
         self.geometry = geometry
         self.params = params or BeliefParams()
-        symbols = {symbol: number for number, symbol in enumerate(sorted({u.symbol for u in units.values()} - {""}), 1)}
-        rows = []
-        for number, unit in units.items():
-            if not 0 < number <= 0xFFFFFFFF:
-                raise InvalidParameterError(f"{number} is no number of a polygon.", "Number polygons from 1 on.")
-            shares = None if unit.shares is None else [float(unit.shares.get(soil, 0.0)) for soil in CLASSES]
-            rows.append((number, symbols.get(unit.symbol, 0), int(unit.soil_class), shares))
         self._core = _core.SoilBelief(
             (geometry.rows, geometry.columns, geometry.cell_size_m, geometry.west_m, geometry.north_m),
             np.ascontiguousarray(numbers, dtype=np.uint32),
-            rows,
+            core_units(units),
             self.params.core_arguments(),
             machine.core.cone_index()[0],
             float(moisture_percent),
@@ -490,7 +499,7 @@ def next_probe(
         here: the robot's cell.
         since_last_m: metres since the last reading.
     """
-    word, figure = _policy(policy)
+    word, figure = probing_policy(policy)
     found = _core.next_probe(
         word, figure, float(since_last_m), len(candidates), lambda place: float(value(candidates[place]))
     )
@@ -499,7 +508,12 @@ def next_probe(
     return here if found < 0 else candidates[found]
 
 
-def _policy(text: str) -> tuple[str, float]:
+def probing_policy(text: str) -> tuple[str, float]:
+    """Return a probing policy as the core takes it: its word and its figure.
+
+    Raises:
+        InvalidParameterError: it is none of ``never``, ``every N m`` and ``where it matters [above C]``.
+    """
     words = text.split()
     try:
         if words == ["never"]:

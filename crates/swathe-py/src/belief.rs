@@ -18,9 +18,9 @@ use crate::error::{CoreError, invalid};
 
 type TypeRow = (f64, f64, f64, f64, f64, f64, f64, f64);
 /// (number, symbol, class code, shares or None) of a unit.
-type UnitRow = (u32, u32, u8, Option<PerClass>);
+pub(crate) type UnitRow = (u32, u32, u8, Option<PerClass>);
 /// (x, y, depths, cone indices, refusal depth, sleeve frictions) of a reading.
-type ReadingRow = (f64, f64, Vec<f64>, Vec<f64>, Option<f64>, Option<Vec<f64>>);
+pub(crate) type ReadingRow = (f64, f64, Vec<f64>, Vec<f64>, Option<f64>, Option<Vec<f64>>);
 /// (reading, units, cells, cells whose code differs, their codes).
 type Outcome<'py> = (
     u64,
@@ -308,7 +308,7 @@ fn cell_of(inner: &Inner, row: i64, column: i64) -> Result<Cell, CoreError> {
     })
 }
 
-fn unit_of((id, symbol, code, shares): UnitRow) -> Result<Unit, CoreError> {
+pub(crate) fn unit_of((id, symbol, code, shares): UnitRow) -> Result<Unit, CoreError> {
     let prior = match shares {
         Some(shares) => Prior::Mixture(shares),
         None => Prior::Class(SoilClass::from_code(code)?),
@@ -316,7 +316,7 @@ fn unit_of((id, symbol, code, shares): UnitRow) -> Result<Unit, CoreError> {
     Ok(Unit { id, symbol, prior })
 }
 
-fn reading_of(row: ReadingRow) -> PenetrometerReading {
+pub(crate) fn reading_of(row: ReadingRow) -> PenetrometerReading {
     let (x_m, y_m, depths_m, cone_indices_kpa, refusal_depth_m, sleeve_frictions_kpa) = row;
     PenetrometerReading {
         x_m,
@@ -339,7 +339,7 @@ fn type_of(row: TypeRow) -> SoilType {
     }
 }
 
-fn params_of(dict: &Bound<'_, PyDict>) -> PyResult<BeliefParams> {
+pub(crate) fn params_of(dict: &Bound<'_, PyDict>) -> PyResult<BeliefParams> {
     let rule: String = entry(dict, "rule")?;
     let relabel = Rule::PaperRelabel {
         radius_m: entry(dict, "relabel_radius_m")?,

@@ -1,14 +1,20 @@
 //! The navigator.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::drive::{DriveParams, Method, Observation, OutsideNests, Region};
-use swathe::grid::Layer;
-use swathe::sensor::{Mount, PenetrometerReading, Pose, Scan};
+use swathe::belief::{Extent, PerClass, ProbePolicy, SoilBelief, SoilUpdate, Word};
+use swathe::drive::{DriveParams, Knowledge, Method, Observation, OutsideNests, Region};
+use swathe::grid::{Cell, Layer, Position};
+use swathe::nest::GridsParams;
+use swathe::sensor::{Mount, Pose, Scan};
+use swathe::soil::SoilClass;
 
-use crate::convert::{Shape, entry, geometry, position, values, word};
+use crate::belief::{ReadingRow, UnitRow, params_of, reading_of, unit_of};
+use crate::convert::{Shape, array, entry, geometry, nest_params, position, values, word};
 use crate::error::{CoreError, invalid};
+use crate::events::{event_fields, standing};
+use crate::grids;
 use crate::vehicle::Vehicle;
 
 const METHODS: [(&str, Method); 4] = [
@@ -19,6 +25,15 @@ const METHODS: [(&str, Method); 4] = [
 ];
 
 const OUTSIDE: [(&str, OutsideNests); 2] = [("cost", OutsideNests::Cost), ("block", OutsideNests::Block)];
+
+fn probing((policy, figure): (String, f64)) -> PyResult<ProbePolicy> {
+    let known = [
+        ("never", ProbePolicy::Never),
+        ("every", ProbePolicy::EveryMetres(figure)),
+        ("where_it_matters", ProbePolicy::WhereItMatters { probe_cost: figure }),
+    ];
+    word("probing policy", &policy, &known)
+}
 
 fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
     Ok(DriveParams {
@@ -33,37 +48,132 @@ fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
         sensor_height_m: entry(dict, "sensor_height_m")?,
         memory: entry(dict, "memory")?,
         recover: entry(dict, "recover")?,
+        probing: probing(entry::<(String, f64)>(dict, "probing")?)?,
+        probe_wait_s: entry(dict, "probe_wait_s")?,
         ..DriveParams::default()
     })
 }
 
-/// (ranks, shape, route) of a region.
-type Map<'py> = (PyReadonlyArray2<'py, u8>, Shape, Vec<(f64, f64)>);
+/// (ranks, shape, heights or None, route, grids or None) of a region that says what it says.
+type Map<'py> = (
+    PyReadonlyArray2<'py, u8>,
+    Shape,
+    Option<PyReadonlyArray2<'py, f32>>,
+    Vec<(f64, f64)>,
+    Option<Bound<'py, PyDict>>,
+);
+
+/// (region, polygons, units, belief, nests, whether heights explain returns, grids or None) of a region that learns.
+type Learning<'py> = (
+    Bound<'py, crate::region::Region>,
+    PyReadonlyArray2<'py, u32>,
+    Vec<UnitRow>,
+    Bound<'py, PyDict>,
+    Bound<'py, PyDict>,
+    bool,
+    Option<Bound<'py, PyDict>>,
+);
+
+/// (time, source, extent, what is said, cone index or None) of an update. The extent is (unit, None, None),
+/// (None, (x, y, radius), None) or (None, None, cells); what is said a class's code, or probabilities.
+type UpdateRow = (
+    f64,
+    String,
+    (Option<u32>, Option<(f64, f64, f64)>, Option<Vec<(usize, usize)>>),
+    (Option<u8>, Option<PerClass>),
+    Option<f64>,
+);
+
+fn fixed(map: Map<'_>) -> PyResult<Region> {
+    let (ranks, shape, heights, route, grids) = map;
+    let geometry = geometry(shape)?;
+    let ranks = Layer::new(geometry, values(&ranks)?.to_vec(), "the rank map").map_err(CoreError::from)?;
+    let heights = heights.as_ref().map(values).transpose()?;
+    let heights = heights.map(|heights| Layer::new(geometry, heights.to_vec(), "the elevation"));
+    Ok(Region {
+        ranks,
+        elevation_m: heights.transpose().map_err(CoreError::from)?,
+        route: route.into_iter().map(position).collect(),
+        grids: grids.as_ref().map(grids::params).transpose()?,
+    })
+}
+
+fn knowledge(py: Python<'_>, learning: Learning<'_>) -> PyResult<(Knowledge, Option<GridsParams>)> {
+    let (region, layer, units, belief, nest, explains_returns, grids) = learning;
+    let map = region.get().known_map(py, nest_params(&nest)?, explains_returns)?;
+    let layer = Layer::new(
+        map.elevation_m.geometry(),
+        values(&layer)?.to_vec(),
+        "the layer of map units",
+    );
+    let layer = layer.map_err(CoreError::from)?;
+    let units = units.into_iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
+    let (params, grids) = (params_of(&belief)?, grids.as_ref().map(grids::params).transpose()?);
+    let made = py.detach(|| -> Result<Knowledge, CoreError> {
+        Ok(Knowledge::new(map, SoilBelief::new(&layer, &units, params)?)?)
+    });
+    Ok((made?, grids))
+}
+
+fn update_of(row: UpdateRow) -> Result<SoilUpdate, CoreError> {
+    let (time_s, source, (unit, disc, cells), (code, shares), cone_index_kpa) = row;
+    let extent = match (unit, disc) {
+        (Some(unit), _) => Extent::Unit(unit),
+        (None, Some((x_m, y_m, radius_m))) => Extent::Disc {
+            at: Position::new(x_m, y_m),
+            radius_m,
+        },
+        (None, None) => Extent::Cells(
+            cells
+                .unwrap_or_default()
+                .into_iter()
+                .map(|(row, column)| Cell::new(row, column))
+                .collect(),
+        ),
+    };
+    let word = match shares {
+        Some(shares) => Word::Probabilities(shares),
+        None => Word::Class(SoilClass::from_code(code.unwrap_or(0))?),
+    };
+    Ok(SoilUpdate {
+        time_s,
+        source,
+        extent,
+        word,
+        cone_index_kpa,
+    })
+}
 
 /// The navigator with all that it remembers.
 #[pyclass(module = "swathe._core")]
 pub(crate) struct Navigator {
-    inner: swathe::drive::Navigator,
+    pub(crate) inner: swathe::drive::Navigator,
+    time_s: f64,
 }
 
 #[pymethods]
 impl Navigator {
     #[new]
-    #[pyo3(signature = (vehicle, goal, dict, region))]
-    fn new(vehicle: &Vehicle, goal: (f64, f64), dict: &Bound<'_, PyDict>, region: Option<Map<'_>>) -> PyResult<Self> {
-        let region = match region {
-            None => None,
-            Some((ranks, shape, route)) => Some(Region {
-                ranks: Layer::new(geometry(shape)?, values(&ranks)?.to_vec(), "the rank map")
-                    .map_err(CoreError::from)?,
-                elevation_m: None,
-                route: route.into_iter().map(position).collect(),
-                grids: None,
-            }),
+    #[pyo3(signature = (vehicle, goal, dict, region, learning))]
+    fn new(
+        py: Python<'_>,
+        vehicle: &Vehicle,
+        goal: (f64, f64),
+        dict: &Bound<'_, PyDict>,
+        region: Option<Map<'_>>,
+        learning: Option<Learning<'_>>,
+    ) -> PyResult<Self> {
+        let (goal, params) = (position(goal), params(dict)?);
+        let made = match learning {
+            None => swathe::drive::Navigator::new(&vehicle.inner, goal, region.map(fixed).transpose()?, params),
+            Some(learning) => {
+                let (knowledge, grids) = knowledge(py, learning)?;
+                swathe::drive::Navigator::with_knowledge(&vehicle.inner, goal, knowledge, grids, params)
+            }
         };
-        let made = swathe::drive::Navigator::new(&vehicle.inner, position(goal), region, params(dict)?);
         Ok(Self {
             inner: made.map_err(CoreError::from)?,
+            time_s: 0.0,
         })
     }
 
@@ -78,7 +188,7 @@ impl Navigator {
         speeds: (f64, f64),
         ranges_m: Option<PyReadonlyArray1<'_, f64>>,
         scan: [f64; 7],
-        reading: Option<(f64, f64, Vec<f64>, Vec<f64>, Option<f64>)>,
+        reading: Option<ReadingRow>,
     ) -> PyResult<(f64, f64, &'static str, &'static str)> {
         let apart = |_| {
             invalid(
@@ -102,16 +212,7 @@ impl Navigator {
                 heading_rad: scan[6],
             },
         });
-        let reading = reading.map(
-            |(x_m, y_m, depths_m, cone_indices_kpa, refusal_depth_m)| PenetrometerReading {
-                x_m,
-                y_m,
-                depths_m,
-                cone_indices_kpa,
-                refusal_depth_m,
-                sleeve_frictions_kpa: None,
-            },
-        );
+        let reading = reading.map(reading_of);
         let (x_m, y_m, heading_rad, pitch_rad, roll_rad) = pose;
         let seen = Observation {
             time_s,
@@ -127,6 +228,7 @@ impl Navigator {
             scan: scan.as_ref(),
             reading: reading.as_ref(),
         };
+        self.time_s = time_s;
         let inner = &mut self.inner;
         let command = py.detach(|| inner.step(&seen));
         let reason = self.inner.reason().text();
@@ -138,13 +240,92 @@ impl Navigator {
         ))
     }
 
-    /// What happened in the last step, in words.
-    fn events(&self) -> Vec<String> {
-        self.inner.events().iter().map(|event| format!("{event:?}")).collect()
+    /// What happened in the last step: time, kind and fields of each event.
+    #[allow(clippy::type_complexity, reason = "a list of triples")]
+    fn events<'py>(&self, py: Python<'py>) -> PyResult<Vec<(f64, &'static str, Bound<'py, PyDict>)>> {
+        let fields = |event| Ok((self.time_s, swathe::drive::Event::kind(event), event_fields(py, event)?));
+        self.inner.events().iter().map(fields).collect()
+    }
+
+    /// Sets another goal.
+    fn set_goal(&mut self, py: Python<'_>, goal: (f64, f64)) -> PyResult<()> {
+        let inner = &mut self.inner;
+        Ok(py.detach(|| inner.set_goal(position(goal))).map_err(CoreError::from)?)
+    }
+
+    /// Takes in news of the soil of an area; returns how many cells have another rank.
+    fn learn_soil(&mut self, py: Python<'_>, update: UpdateRow) -> PyResult<usize> {
+        let update = update_of(update)?;
+        let inner = &mut self.inner;
+        let learnt = py.detach(|| inner.learn_soil(&update)).map_err(CoreError::from)?;
+        Ok(learnt.ranks.len())
+    }
+
+    /// Whether the robot stands and waits for a reading.
+    fn wants_probe(&self) -> bool {
+        self.inner.wants_probe()
     }
 
     /// The way from the robot on.
     fn way(&self) -> Vec<(f64, f64)> {
         self.inner.way().iter().map(|point| (point.x_m, point.y_m)).collect()
+    }
+
+    /// Points of the global route.
+    fn global_route(&self) -> Vec<(f64, f64)> {
+        let route = self.inner.global_route().iter();
+        route.map(|point| (point.x_m, point.y_m)).collect()
+    }
+
+    /// (cost or None, how robot and goal stand to each other) of the global route that is kept right.
+    fn global_cost(&self) -> Option<(Option<f64>, &'static str)> {
+        let knowledge = self.inner.knowledge()?;
+        Some((knowledge.route_cost(), standing(knowledge.standing())))
+    }
+
+    /// Ranks and soil codes in use.
+    #[allow(clippy::type_complexity, reason = "two arrays")]
+    fn ground<'py>(&self, py: Python<'py>) -> PyResult<Option<(Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<u8>>)>> {
+        let Some(knowledge) = self.inner.knowledge() else {
+            return Ok(None);
+        };
+        let geometry = knowledge.geometry();
+        let ranks = array(py, geometry, knowledge.ranks().data().to_vec())?;
+        Ok(Some((ranks, array(py, geometry, knowledge.codes().data().to_vec())?)))
+    }
+
+    /// Probability of each class, and of ground that does not carry, at a place.
+    fn soil_at(&self, at: (f64, f64)) -> Option<(PerClass, f64)> {
+        self.inner.knowledge()?.soil_at(position(at))
+    }
+
+    /// (shape, certainty of every cell, 255 where nothing was seen).
+    #[allow(clippy::type_complexity, reason = "a layer")]
+    fn certainty<'py>(&self, py: Python<'py>) -> PyResult<Option<(Shape, Bound<'py, PyArray2<u8>>)>> {
+        let Some(window) = self.inner.certainty_window() else {
+            return Ok(None);
+        };
+        let grid = window.geometry();
+        let shape = (
+            grid.rows(),
+            grid.columns(),
+            grid.cell_size_m(),
+            grid.west_m(),
+            grid.north_m(),
+        );
+        Ok(Some((shape, array(py, grid, window.into_data())?)))
+    }
+
+    /// (densities, blocked, direction of sector 0, thresholds low and high, chosen direction or None) of the last step.
+    #[allow(clippy::type_complexity, reason = "what a histogram shows")]
+    fn histogram(&self) -> Option<(Vec<f32>, Vec<bool>, f64, (f64, f64), Option<f64>)> {
+        let shown = self.inner.histogram()?;
+        Some((
+            shown.densities,
+            shown.blocked,
+            shown.first_rad,
+            shown.thresholds,
+            shown.direction_rad,
+        ))
     }
 }

@@ -94,7 +94,7 @@ impl CoreError {
                 | PlannerError::Nest(NestError::Grid(error))
                 | PlannerError::Swarm(SwarmError::Grid(error) | SwarmError::Nest(NestError::Grid(error))),
             ) => of_grid(error),
-            Self::Belief(error) => of_belief(error),
+            Self::Belief(error) | Self::Drive(DriveError::Belief(error)) => of_belief(error),
             Self::Terrain(TerrainError::AllVoid) => Class::AllVoid,
             Self::Terrain(TerrainError::HeightRange { .. }) => Class::Parameter("Give low,high in metres."),
             Self::Soil(error)
@@ -106,7 +106,10 @@ impl CoreError {
             | Self::Sim(SimError::Vehicle(VehicleError::Figure { .. }))
             | Self::Rank(RankError::Vehicle(VehicleError::Figure { .. }))
             | Self::Planner(PlannerError::Rank(RankError::Vehicle(VehicleError::Figure { .. }))) => Class::Vehicle,
-            Self::Rank(error) | Self::Planner(PlannerError::Rank(error)) => of_rank(error),
+            Self::Rank(error) | Self::Drive(DriveError::Rank(error)) | Self::Planner(PlannerError::Rank(error)) => {
+                of_rank(error)
+            }
+            Self::Drive(DriveError::NoKnowledge) => Class::Parameter("Make the region with swathe.drive.Region.of."),
             Self::Drive(DriveError::Figure { .. })
             | Self::Corridor(CorridorError::Length { .. })
             | Self::Sim(SimError::Figure { .. })
@@ -366,6 +369,9 @@ fn samples() -> Vec<(&'static str, CoreError)> {
         ),
         ("rank.inconsistent", RankError::Inconsistent { ratio: 0.5 }.into()),
         ("drive.vehicle", DriveError::Vehicle(figure()).into()),
+        ("drive.belief", DriveError::Belief(BeliefError::NoClass).into()),
+        ("drive.rank", DriveError::Rank(RankError::Rank { rank: 11 }).into()),
+        ("drive.no_knowledge", DriveError::NoKnowledge.into()),
         ("drive.nest", DriveError::Nest(NestError::RankMin { rank: 11 }).into()),
         ("drive.figure", DriveError::Figure { name, given, allowed }.into()),
         ("corridor.length", CorridorError::Length { name, given, allowed }.into()),

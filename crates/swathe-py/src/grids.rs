@@ -23,7 +23,7 @@ fn phases(given: Vec<(f64, f64)>) -> Vec<Phase> {
     given.into_iter().map(|(east, south)| Phase::new(east, south)).collect()
 }
 
-fn params(dict: &Bound<PyDict>) -> PyResult<GridsParams> {
+pub(crate) fn params(dict: &Bound<PyDict>) -> PyResult<GridsParams> {
     let usual = GridsParams::new(entry(dict, "size_m")?);
     let reading = word(
         "reading of the size",

@@ -10,6 +10,7 @@ mod convert;
 mod drivable;
 mod drive;
 mod error;
+mod events;
 mod grids;
 mod nest;
 mod planner;

@@ -5,12 +5,14 @@ use std::sync::{Mutex, PoisonError};
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::grid::{GridError, GridGeometry, LayerView, TileCells, TileGrid, Tiles};
+use swathe::drive::KnownMap;
+use swathe::grid::{GridError, GridGeometry, Layer, LayerView, TileCells, TileGrid, Tiles};
+use swathe::nest::NestParams;
 use swathe::planner::Terrain;
 use swathe::rank::{RankParams, Ranker, SourceFault, TiledHeights};
 
 use crate::convert::{Shape, geometry, rank_params, values};
-use crate::error::CoreError;
+use crate::error::{CoreError, invalid};
 use crate::vehicle::Vehicle;
 
 /// Elevation with optional soil, grey levels and zones on one geometry, with the vehicle and the rules that rank them.
@@ -127,6 +129,39 @@ fn read_tile(read: &Py<PyAny>, cells: TileCells, raised: &Mutex<Option<PyErr>>) 
 }
 
 impl Region {
+    /// A copy of the layers with vehicle and rules, for a drive that changes what it knows.
+    pub(crate) fn known_map(&self, py: Python<'_>, nest: NestParams, explains_returns: bool) -> PyResult<KnownMap> {
+        let Heights::Whole(heights) = &self.heights else {
+            return Err(invalid(
+                "A region that is read when it is needed cannot be driven on.".to_owned(),
+                "Read it first.",
+            ));
+        };
+        let elevation_m = layer(py, self.geometry, heights, "the elevation")?;
+        let soil = self
+            .soil
+            .as_ref()
+            .map(|soil| layer(py, self.geometry, soil, "the soil layer"));
+        let grey = self
+            .grey
+            .as_ref()
+            .map(|grey| layer(py, self.geometry, grey, "the height map"));
+        let zones = self
+            .zones
+            .as_ref()
+            .map(|zones| layer(py, self.geometry, zones, "the zones"));
+        Ok(KnownMap {
+            elevation_m,
+            soil: soil.transpose()?,
+            grey: grey.transpose()?,
+            zones: zones.transpose()?,
+            vehicle: self.vehicle.get().inner.clone(),
+            rank: self.params,
+            nest,
+            explains_returns,
+        })
+    }
+
     pub(crate) fn geometry(&self) -> GridGeometry {
         self.geometry
     }
@@ -205,6 +240,16 @@ impl Region {
             None => Ok(result?),
         }
     }
+}
+
+fn layer<T: numpy::Element + Copy>(
+    py: Python<'_>,
+    geometry: GridGeometry,
+    array: &Py<PyArray2<T>>,
+    what: &'static str,
+) -> PyResult<Layer<T>> {
+    let data = values(&array.bind(py).readonly())?.to_vec();
+    Ok(Layer::new(geometry, data, what).map_err(CoreError::from)?)
 }
 
 /// The core's default parameters, for the test that compares them with Python's.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{BeliefError, CLASS_COUNT, CLASSES, Changed, SoilBelief};
+use super::{BeliefError, CLASS_COUNT, CLASSES, Changed, PerClass, SoilBelief, Word, class_index};
 use crate::grid::{Cell, Layer};
 use crate::soil::{SoilClass, SoilTable, check_moisture};
 use crate::vehicle::Vehicle;
@@ -90,6 +90,40 @@ impl Going {
     fn carries_by_table(&self, class: usize) -> bool {
         self.strengths_kpa[class] >= self.needed_kpa
     }
+
+    /// Probability of a goodness of at least `least`.
+    fn at_least(&self, chances: &PerClass, least: u8) -> f64 {
+        let good = (0..CLASS_COUNT).filter(|&k| CLASSES[k].goodness(self.table) >= least);
+        good.map(|k| chances[k]).sum()
+    }
+
+    /// The best class that is no better than a goodness and carries the vehicle by the table.
+    fn best_within(&self, chances: &PerClass, goodness: u8) -> SoilClass {
+        let fits = |k: &usize| self.carries_by_table(*k) && CLASSES[*k].goodness(self.table) <= goodness;
+        let goodness_of = |k: usize| CLASSES[k].goodness(self.table);
+        let best = (0..CLASS_COUNT).filter(fits).max_by(|&a, &b| {
+            goodness_of(a)
+                .cmp(&goodness_of(b))
+                .then(chances[a].total_cmp(&chances[b]))
+        });
+        best.map_or(SoilClass::Rock, |k| CLASSES[k])
+    }
+
+    /// The likeliest class that does not carry the vehicle, or no ground when only a measurement speaks against it.
+    fn likeliest_that_fails(&self, chances: &PerClass, fails: &[bool; CLASS_COUNT]) -> SoilClass {
+        let likeliest = (0..CLASS_COUNT)
+            .filter(|&k| fails[k])
+            .max_by(|&a, &b| chances[a].total_cmp(&chances[b]));
+        likeliest
+            .filter(|&k| !self.carries_by_table(k))
+            .map_or(SoilClass::None, |k| CLASSES[k])
+    }
+}
+
+/// Probability of ground that does not carry the vehicle.
+fn risk(chances: &PerClass, fails: &[bool; CLASS_COUNT]) -> f64 {
+    let failing = (0..CLASS_COUNT).filter(|&k| fails[k]);
+    failing.map(|k| chances[k]).sum::<f64>().clamp(0.0, 1.0)
 }
 
 impl SoilBelief {
@@ -104,43 +138,90 @@ impl SoilBelief {
             };
         }
         let chances = self.class_probabilities(cell);
-        let fails: [bool; CLASS_COUNT] = std::array::from_fn(|k| match CLASSES[k] {
+        self.decide_by(&chances, &self.fails(cell, going), going)
+    }
+
+    /// Which classes do not carry the vehicle at a cell.
+    fn fails(&self, cell: Cell, going: &Going) -> [bool; CLASS_COUNT] {
+        std::array::from_fn(|k| match CLASSES[k] {
             SoilClass::Rock => false,
             SoilClass::None => true,
             _ => self.strength_kpa(cell, k, going.strengths_kpa[k]) < going.needed_kpa,
-        });
-        let no_go_probability: f64 = (0..CLASS_COUNT).filter(|&k| fails[k]).map(|k| chances[k]).sum();
-        let no_go_probability = no_go_probability.clamp(0.0, 1.0);
+        })
+    }
+
+    fn decide_by(&self, chances: &PerClass, fails: &[bool; CLASS_COUNT], going: &Going) -> Decision {
+        let no_go_probability = risk(chances, fails);
         let go = no_go_probability <= self.params().no_go_tolerance;
-        let better = |least: u8| -> f64 {
-            let at_least = (0..CLASS_COUNT).filter(|&k| CLASSES[k].goodness(going.table) >= least);
-            at_least.map(|k| chances[k]).sum()
-        };
         // Rounding must not take a certain class its goodness.
         let confidence = self.params().goodness_confidence - 1e-12;
-        let goodness = (2..=5).rev().find(|&least| better(least) >= confidence).unwrap_or(1);
+        let reached = |least: &u8| going.at_least(chances, *least) >= confidence;
+        let goodness = (2..=5).rev().find(reached).unwrap_or(1);
         let code = if go {
-            let fits = |k: &usize| going.carries_by_table(*k) && CLASSES[*k].goodness(going.table) <= goodness;
-            let goodness_of = |k: &usize| (CLASSES[*k].goodness(going.table), chances[*k]);
-            let best = (0..CLASS_COUNT).filter(fits).max_by(|a, b| {
-                goodness_of(a)
-                    .partial_cmp(&goodness_of(b))
-                    .unwrap_or(std::cmp::Ordering::Equal)
-            });
-            best.map_or(SoilClass::Rock, |k| CLASSES[k])
+            going.best_within(chances, goodness)
         } else {
-            let likeliest = (0..CLASS_COUNT)
-                .filter(|&k| fails[k])
-                .max_by(|&a, &b| chances[a].total_cmp(&chances[b]));
-            likeliest
-                .filter(|&k| !going.carries_by_table(k))
-                .map_or(SoilClass::None, |k| CLASSES[k])
+            going.likeliest_that_fails(chances, fails)
         };
         Decision {
             code,
             goodness,
             no_go_probability,
             go,
+        }
+    }
+
+    /// What a vehicle may count on at a cell that a soil map says to be of a class, to be ranked like the map.
+    ///
+    /// Where nothing was measured or told the map's word stands, as a plan takes it. What was measured must speak against
+    /// the map before its word is left: where the class, or a better one, is no less likely than by the map alone, and
+    /// ground that does not carry is no likelier, the map's class stands, or the better one that the belief allows. Else
+    /// it is as [`Self::decide`] says: no-go above the tolerance, and the goodness that is reached with confidence.
+    pub fn decide_beside(&self, cell: Cell, mapped: SoilClass, going: &Going) -> Decision {
+        let (mapped, drawn) = match self.word(cell) {
+            None => (mapped, false),
+            Some(Word::Class(class)) => (class, true),
+            Some(Word::Probabilities(_)) => return self.decide(cell, going),
+        };
+        let stays = |no_go_probability: f64, go: bool| Decision {
+            code: mapped,
+            goodness: mapped.goodness(going.table),
+            no_go_probability,
+            go,
+        };
+        let index = class_index(mapped);
+        let carries = index.is_none_or(|k| going.carries_by_table(k));
+        if !self.is_told(cell) {
+            let by_map = if index.is_none() && !drawn {
+                0.0
+            } else {
+                risk(&self.prior(cell), &std::array::from_fn(|k| !going.carries_by_table(k)))
+            };
+            return stays(by_map, carries);
+        }
+        if index.is_none() {
+            return self.decide(cell, going);
+        }
+        let (chances, prior) = (self.class_probabilities(cell), self.prior(cell));
+        let fails = self.fails(cell, going);
+        let found = self.decide_by(&chances, &fails, going);
+        let by_map = risk(&prior, &std::array::from_fn(|k| !going.carries_by_table(k)));
+        let go = found.go || (carries && found.no_go_probability <= by_map + 1e-12);
+        if !go {
+            return if carries {
+                found
+            } else {
+                stays(found.no_go_probability, false)
+            };
+        }
+        let least = mapped.goodness(going.table);
+        let confirmed = carries && going.at_least(&chances, least) >= going.at_least(&prior, least) - 1e-12;
+        if confirmed && found.goodness <= least {
+            return stays(found.no_go_probability, true);
+        }
+        Decision {
+            code: going.best_within(&chances, found.goodness),
+            go,
+            ..found
         }
     }
 

@@ -5,6 +5,7 @@
 //! anew, so the order in which they came does not matter. The model is this project's own; the conversion of sleeve
 //! friction follows Robertson's soil behaviour type (2010), the strength of soil [`crate::soil`].
 
+mod area;
 mod decision;
 mod posterior;
 mod probe;
@@ -19,6 +20,7 @@ use crate::grid::GridError;
 use crate::sensor::ReadingError;
 use crate::soil::{SoilClass, SoilError};
 
+pub use area::{Extent, SoilUpdate, Word};
 pub use decision::{Decision, Decisions, Going};
 pub use posterior::{Changed, Observation, Prior, ReadingId, SoilBelief, Unit};
 pub use probe::{ProbePolicy, ProbeValue, RoutePrices, next_probe, probe_value};

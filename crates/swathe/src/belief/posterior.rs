@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::area::{Extent, SoilUpdate, Word};
 use super::{
     BeliefError, BeliefParams, CLASS_COUNT, CLASSES, Match, PerClass, Rule, class_index, match_class, match_profile,
 };
@@ -90,10 +91,14 @@ struct UnitBelief {
     base: PerClass,
     evidence: Vec<Evidence>,
     informed: bool,
+    /// What an area was said to be, for units that are areas.
+    word: Option<Word>,
+    /// Logarithm of a strength in kPa before remoulding that was told of all of it.
+    strength_ln: Option<f64>,
 }
 
 /// What the map's polygons are, shared by copies of a belief.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Ground {
     /// Place of each cell's unit in `ids`.
     units: Layer<u32>,
@@ -109,6 +114,10 @@ pub struct SoilBelief {
     units: Vec<UnitBelief>,
     readings: Vec<Placed>,
     next_id: ReadingId,
+    /// The polygons of the map before anybody drew areas over them.
+    mapped: Option<(Arc<Ground>, usize)>,
+    /// What was said of areas, in an order of its own.
+    areas: Vec<SoilUpdate>,
 }
 
 impl SoilBelief {
@@ -161,6 +170,8 @@ impl SoilBelief {
                 base: prior.map(|share| params.map_weight * share),
                 evidence: Vec::new(),
                 informed: false,
+                word: None,
+                strength_ln: None,
             });
         }
         let ground = Ground {
@@ -174,6 +185,8 @@ impl SoilBelief {
             units: beliefs,
             readings: Vec::new(),
             next_id: 0,
+            mapped: None,
+            areas: Vec::new(),
         })
     }
 
@@ -263,6 +276,10 @@ impl SoilBelief {
         let remoulding_ln = self.params.types.0[class].remoulding_index.ln();
         let noise = self.params.reading_spread_ln.powi(2);
         let (mut weights, mut sum) = (0.0, 0.0);
+        if let Some(strength_ln) = self.units[place].strength_ln {
+            weights += 1.0 / noise;
+            sum += (strength_ln + remoulding_ln) / noise;
+        }
         let table_weight = self.params.table_spread_ln.powi(-2);
         for known in &self.units[place].evidence {
             let Some(strength_ln) = known.strength_ln else { continue };
@@ -319,13 +336,22 @@ impl SoilBelief {
 
     /// Works out anew the units that a reading in one of them touches.
     fn refresh(&mut self, unit: usize, reading: ReadingId) -> Changed {
-        let symbol = self.units[unit].symbol;
-        let learns = self.params.same_symbol_share > 0.0 && self.params.rule == Rule::Bayes;
-        let touched: Vec<usize> = (0..self.units.len())
-            .filter(|&other| other == unit || (learns && symbol != 0 && self.units[other].symbol == symbol))
-            .collect();
+        let touched = self.alike(unit);
         self.units[unit].evidence = self.evidence_of(unit);
-        for &place in &touched {
+        self.learn_from_each_other(&touched);
+        let mut cells: Vec<u32> = touched
+            .iter()
+            .flat_map(|&place| &self.ground.cells[place])
+            .copied()
+            .collect();
+        cells.sort_unstable();
+        let units = touched.iter().map(|&place| self.ground.ids[place]).collect();
+        Changed { reading, units, cells }
+    }
+
+    /// Works out anew what units of one symbol have from their map and from each other.
+    fn learn_from_each_other(&mut self, touched: &[usize]) {
+        for &place in touched {
             let mut base = self.units[place].prior.map(|share| self.params.map_weight * share);
             let mut informed = !self.units[place].evidence.is_empty();
             for &other in touched.iter().filter(|&&other| other != place) {
@@ -338,14 +364,15 @@ impl SoilBelief {
             }
             (self.units[place].base, self.units[place].informed) = (base, informed);
         }
-        let mut cells: Vec<u32> = touched
-            .iter()
-            .flat_map(|&place| &self.ground.cells[place])
-            .copied()
-            .collect();
-        cells.sort_unstable();
-        let units = touched.iter().map(|&place| self.ground.ids[place]).collect();
-        Changed { reading, units, cells }
+    }
+
+    /// The units that learn from a unit, it among them.
+    fn alike(&self, unit: usize) -> Vec<usize> {
+        let symbol = self.units[unit].symbol;
+        let learns = self.params.same_symbol_share > 0.0 && self.params.rule == Rule::Bayes;
+        (0..self.units.len())
+            .filter(|&other| other == unit || (learns && symbol != 0 && self.units[other].symbol == symbol))
+            .collect()
     }
 
     fn evidence_of(&self, unit: usize) -> Vec<Evidence> {
@@ -369,6 +396,111 @@ impl SoilBelief {
             }
         });
         found.collect()
+    }
+
+    /// Draws an area over the map: from now on its cells are a polygon of their own, with what is said of it in place of what
+    /// the map says. Readings inside keep their say. Where areas overlap the latest counts, whatever order they came in.
+    /// Returns the indices of the cells whose belief may differ now, rising.
+    ///
+    /// # Errors
+    /// [`BeliefError`] when the update is not usable; the belief is then as it was.
+    pub fn redraw(&mut self, update: &SoilUpdate) -> Result<Vec<u32>, BeliefError> {
+        let count = self.units.len();
+        let (base, base_units) = self
+            .mapped
+            .get_or_insert_with(|| (Arc::clone(&self.ground), count))
+            .clone();
+        update.check(&self.geometry(), &base.ids)?;
+        let at = self.areas.partition_point(|known| known.order(update).is_le());
+        self.areas.insert(at, update.clone());
+        let geometry = self.geometry();
+        let mut places = base.units.clone();
+        let mut ids = base.ids.clone();
+        self.units.truncate(base_units);
+        for update in &self.areas {
+            let number = ids.len() as u32;
+            ids.push(ids.last().map_or(1, |last| last + 1));
+            let cells: Vec<u32> = match &update.extent {
+                Extent::Unit(id) => base
+                    .ids
+                    .binary_search(id)
+                    .map_or_else(|_| Vec::new(), |place| base.cells[place].clone()),
+                extent => extent.cells(&geometry),
+            };
+            for index in cells {
+                places.data_mut()[index as usize] = number;
+            }
+            let prior = update.shares(&self.params)?;
+            self.units.push(UnitBelief {
+                symbol: 0,
+                mapped_unknown: false,
+                prior,
+                base: prior.map(|share| self.params.map_weight * share),
+                evidence: Vec::new(),
+                informed: false,
+                word: Some(update.word),
+                strength_ln: update.cone_index_kpa.map(f64::ln),
+            });
+        }
+        let mut cells = vec![Vec::new(); ids.len()];
+        for (index, &place) in places.data().iter().enumerate() {
+            cells[place as usize].push(index as u32);
+        }
+        let before = std::mem::replace(
+            &mut self.ground,
+            Arc::new(Ground {
+                units: places,
+                ids,
+                cells,
+            }),
+        );
+        Ok(self.place_again(&before, at + base_units))
+    }
+
+    /// Brings readings and units in order after the polygons have changed; returns the cells whose belief may differ.
+    fn place_again(&mut self, before: &Ground, drawn: usize) -> Vec<u32> {
+        let geometry = self.geometry();
+        let mut moved = false;
+        for reading in &mut self.readings {
+            let Some(cell) = geometry.cell_at(reading.at) else {
+                continue;
+            };
+            let unit = self.ground.units[cell] as usize;
+            moved |= before.ids[before.units[cell] as usize] != self.ground.ids[unit] || unit >= drawn;
+            reading.unit = unit;
+        }
+        for unit in 0..self.units.len() {
+            self.units[unit].evidence = self.evidence_of(unit);
+        }
+        for unit in 0..self.units.len() {
+            self.learn_from_each_other(&self.alike(unit));
+        }
+        if moved {
+            return (0..geometry.cell_count() as u32).collect();
+        }
+        // Numbers of areas that came later have moved on by one: what matters is what lies in the one that was drawn.
+        self.ground.cells[drawn].clone()
+    }
+
+    /// What was said of the area that a cell lies in, if of any.
+    pub fn word(&self, cell: Cell) -> Option<Word> {
+        self.units[self.ground.units[cell] as usize].word
+    }
+
+    /// Probability of each class by the map alone, or by what was said of the area.
+    pub(super) fn prior(&self, cell: Cell) -> PerClass {
+        self.units[self.ground.units[cell] as usize].prior
+    }
+
+    /// Whether anything but the map counts at a cell.
+    pub(super) fn is_told(&self, cell: Cell) -> bool {
+        let unit = &self.units[self.ground.units[cell] as usize];
+        unit.informed || !unit.evidence.is_empty() || unit.strength_ln.is_some()
+    }
+
+    /// Number of the map's polygon at a cell, 0 for none; areas drawn over the map have numbers above the map's.
+    pub fn unit_at(&self, cell: Cell) -> u32 {
+        self.ground.ids[self.ground.units[cell] as usize]
     }
 
     /// Numbers of the places of all readings that count, in an order of their own.
@@ -414,12 +546,12 @@ fn normalised(weights: PerClass) -> Option<PerClass> {
     (sum > 0.0 && sum.is_finite()).then(|| weights.map(|weight| weight / sum))
 }
 
-fn certain(class: usize) -> PerClass {
+pub(super) fn certain(class: usize) -> PerClass {
     std::array::from_fn(|k| f64::from(u8::from(k == class)))
 }
 
 /// The shares that the map gives a unit.
-fn prior_of(unit: &Unit, params: &BeliefParams) -> Result<PerClass, BeliefError> {
+pub(super) fn prior_of(unit: &Unit, params: &BeliefParams) -> Result<PerClass, BeliefError> {
     match unit.prior {
         Prior::Mixture(shares) => {
             let sum: f64 = shares.iter().sum();

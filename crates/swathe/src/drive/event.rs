@@ -1,6 +1,10 @@
 //! What a step of the navigator tells: a command, and what happened.
 
+use crate::belief::PerClass;
 use crate::grid::Position;
+use crate::soil::SoilClass;
+
+use super::knowledge::Standing;
 
 /// What the robot is told to do until the next step. Both figures are finite and within the vehicle's limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,9 +91,41 @@ pub enum Reason {
     GroundNoGo,
     /// The robot's own ground is no-go, and no safe nest is near.
     NoSafeNest,
+    /// Ground that the map forbids lies between robot and goal.
+    CutOff,
+    /// The robot stands for a penetrometer reading.
+    Probing,
 }
 
 impl Reason {
+    /// A stable word for files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OnTheWay => "on_the_way",
+            Self::NoScanYet => "no_scan_yet",
+            Self::AtGoal => "at_goal",
+            Self::StaleScan => "stale_scan",
+            Self::BadScan => "bad_scan",
+            Self::BlindScan => "blind_scan",
+            Self::FrozenScan => "frozen_scan",
+            Self::BadState => "bad_state",
+            Self::ClockWentBack => "clock_went_back",
+            Self::PoseJumped => "pose_jumped",
+            Self::GoalBlocked => "goal_blocked",
+            Self::GoalOffMap => "goal_off_map",
+            Self::Enclosed => "enclosed",
+            Self::Trapped => "trapped",
+            Self::Oscillating => "oscillating",
+            Self::Slipping => "slipping",
+            Self::Bumped => "bumped",
+            Self::RecoveriesSpent => "recoveries_spent",
+            Self::GroundNoGo => "ground_no_go",
+            Self::NoSafeNest => "no_safe_nest",
+            Self::CutOff => "cut_off",
+            Self::Probing => "probing",
+        }
+    }
+
     /// A sentence for people.
     pub fn text(self) -> &'static str {
         match self {
@@ -113,6 +149,8 @@ impl Reason {
             Self::RecoveriesSpent => "No way out was found.",
             Self::GroundNoGo => "The ground under the robot is no-go.",
             Self::NoSafeNest => "The ground under the robot is no-go, and no safe nest is near.",
+            Self::CutOff => "Ground that the map forbids lies between the robot and the goal.",
+            Self::Probing => "The robot stands for a penetrometer reading.",
         }
     }
 }
@@ -202,11 +240,90 @@ pub enum Event {
         /// Share of the wheels' way that was lost.
         share: f64,
     },
-    /// A penetrometer reading was handed on.
+    /// A penetrometer reading was taken in.
     ReadingTaken {
+        /// Where it was taken.
+        at: Position,
+        /// The class that it looks like.
+        class: SoilClass,
+        /// Probability of each of [`crate::belief::CLASSES`] there now.
+        probabilities: PerClass,
+        /// Mean cone index in kPa of the layer that carries the vehicle; `None` where the cone was refused.
+        cone_index_kpa: Option<f64>,
         /// Cells whose rank it changed.
-        changed: usize,
+        cells_changed: usize,
     },
     /// A penetrometer reading could not be used.
     ReadingRefused,
+    /// News of the soil of an area were taken in.
+    SoilUpdate {
+        /// Who says so.
+        source: String,
+        /// When it was true, by its own word.
+        told_s: f64,
+        /// The likeliest class.
+        class: SoilClass,
+        /// Cells whose rank it changed.
+        cells_changed: usize,
+    },
+    /// Cells came into nests or left them.
+    NestsChanged {
+        /// Cells that came into a nest.
+        cells_gained: usize,
+        /// Cells that left one.
+        cells_lost: usize,
+        /// Nests there are now.
+        nests: usize,
+    },
+    /// The global way was laid, or repaired after the ground was known better.
+    RouteRepaired {
+        /// Its cost in seconds before, from where the robot was then; `None` without a way.
+        cost_before: Option<f64>,
+        /// Its cost now, from where the robot is.
+        cost_after: Option<f64>,
+        /// Its terrain cells.
+        cells: usize,
+        /// How robot and goal stand to each other.
+        standing: Standing,
+        /// Whether the search began from nothing.
+        afresh: bool,
+    },
+    /// The robot stands and waits for a penetrometer reading where it is.
+    ProbeWanted {
+        /// Where.
+        at: Position,
+        /// Seconds of driving that the reading is expected to save, where that is why.
+        expected_saving_s: Option<f64>,
+    },
+    /// No reading came in time; the robot drives on.
+    ProbeMissed {
+        /// How long it waited, in seconds.
+        waited_s: f64,
+    },
+}
+
+impl Event {
+    /// A stable word for files.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Status { .. } => "status",
+            Self::Navigability { .. } => "navigability",
+            Self::ScanRefused { .. } => "scan_refused",
+            Self::PoseJump { .. } => "pose_jump",
+            Self::Route { .. } => "route",
+            Self::LocalClosed => "local_closed",
+            Self::Trap { .. } => "trap",
+            Self::Recovery { .. } => "recovery",
+            Self::Stamped { .. } => "stamped",
+            Self::WindowGrown { .. } => "window_grown",
+            Self::Slip { .. } => "slip",
+            Self::ReadingTaken { .. } => "reading_taken",
+            Self::ReadingRefused => "reading_refused",
+            Self::SoilUpdate { .. } => "soil_update",
+            Self::NestsChanged { .. } => "nests_changed",
+            Self::RouteRepaired { .. } => "route_repaired",
+            Self::ProbeWanted { .. } => "probe_wanted",
+            Self::ProbeMissed { .. } => "probe_missed",
+        }
+    }
 }

@@ -6,10 +6,13 @@
 
 mod attitude;
 mod event;
+mod knowledge;
+mod learning;
 mod memory;
 mod motion;
 mod navigator;
 mod params;
+mod probing;
 mod recovery;
 mod region;
 mod route;
@@ -21,6 +24,9 @@ mod tests;
 mod watch;
 
 pub use event::{Command, Event, Reason, Recovery, Status};
+pub use knowledge::{Knowledge, KnownMap, Learnt, Outlook, ProbeSite, RouteChange, Standing};
+pub use learning::UNSEEN;
 pub use navigator::{Navigator, Observation};
 pub use params::{DriveError, DriveParams, Method, OutsideNests};
 pub use region::Region;
+pub use steer::Histogram;

@@ -31,6 +31,7 @@ pub(super) struct Now<'a> {
     pub age_s: f64,
     pub pose: Pose,
     pub speed_mps: f64,
+    pub turn_rate_radps: f64,
     pub scan: Option<&'a Scan>,
     pub answer: Option<Navigability>,
     pub aim: Position,

@@ -1,6 +1,6 @@
 //! The pipeline of a step.
 
-use crate::grid::{Cell, Position};
+use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::nest::Navigability;
 use crate::sensor::{PenetrometerReading, Pose, Scan, wrap};
@@ -10,7 +10,8 @@ use super::event::{Command, Event, Reason, Recovery, Status};
 use super::memory::Memory;
 use super::motion::Now;
 use super::params::{DriveError, DriveParams, Shape};
-use super::region::{Region, RegionState};
+use super::probing::Probing;
+use super::region::{Region, RegionState, Source};
 use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
@@ -47,9 +48,9 @@ pub struct Observation<'a> {
 pub struct Navigator {
     pub(super) params: DriveParams,
     pub(super) shape: Shape,
-    vehicle: Vehicle,
+    pub(super) vehicle: Vehicle,
     pub(super) goal: Position,
-    pending_region: Option<Region>,
+    pub(super) pending_region: Option<Source>,
     pub(super) region: Option<RegionState>,
     pub(super) grid: CertaintyGrid,
     pub(super) memory: Memory,
@@ -66,6 +67,9 @@ pub struct Navigator {
     pub(super) end: Option<(Status, Reason)>,
     pub(super) slip_until_s: f64,
     pub(super) blocked_since_s: Option<f64>,
+    pub(super) probing: Probing,
+    /// What happened between steps.
+    pub(super) news: Vec<Event>,
     last: Option<(f64, Pose)>,
     /// Seconds since the step before, as far as they count.
     step_s: f64,
@@ -89,6 +93,16 @@ impl Navigator {
         region: Option<Region>,
         params: DriveParams,
     ) -> Result<Self, DriveError> {
+        Self::on(vehicle, goal, region.map(Source::Ranked), params)
+    }
+
+    /// A navigator on whatever is known of the ground.
+    pub(super) fn on(
+        vehicle: &Vehicle,
+        goal: Position,
+        region: Option<Source>,
+        params: DriveParams,
+    ) -> Result<Self, DriveError> {
         vehicle.validate()?;
         params.validate()?;
         for (name, given) in [("goal's x in metres", goal.x_m), ("goal's y in metres", goal.y_m)] {
@@ -96,7 +110,7 @@ impl Navigator {
         }
         if let Some(region) = &region {
             // Made at the first pose; what can be wrong with them is told now.
-            RegionState::new(region.clone(), vehicle, &params, goal)?;
+            RegionState::check(region, vehicle)?;
         }
         let shape = Shape::of(vehicle, &params);
         let needed_m = shape.stopping_m(shape.max_speed_mps) + shape.radius_m + 1.0;
@@ -124,6 +138,8 @@ impl Navigator {
             end: None,
             slip_until_s: f64::NEG_INFINITY,
             blocked_since_s: None,
+            probing: Probing::default(),
+            news: Vec::new(),
             last: None,
             step_s: FIRST_STEP_S,
             scan_time_s: None,
@@ -183,47 +199,27 @@ impl Navigator {
         self.end = None;
         self.window = None;
         self.start_over();
+        if let Some(at) = self.place() {
+            let told = std::mem::take(&mut self.events);
+            self.lay_global(at);
+            self.news.append(&mut self.events);
+            self.events = told;
+        }
         Ok(())
     }
 
-    /// Gives cells of the region other ranks, as after new knowledge of the soil; returns how many have changed.
-    pub fn change_ranks(&mut self, changes: &[(Cell, u8)]) -> usize {
-        let changed = match (&mut self.region, &mut self.pending_region) {
-            (Some(region), _) => region.change(changes),
-            (None, Some(region)) => {
-                let geometry = region.ranks.geometry();
-                let inside = |cell: Cell| geometry.checked(cell.row as i64, cell.column as i64).is_some();
-                let mut changed = 0;
-                for &(cell, rank) in changes.iter().filter(|(cell, rank)| inside(*cell) && *rank <= 10) {
-                    let index = geometry.index(cell);
-                    let before = std::mem::replace(&mut region.ranks.data_mut()[index], rank);
-                    changed += usize::from(before != rank);
-                }
-                changed
-            }
-            (None, None) => 0,
-        };
-        if changed > 0 {
-            self.window = None;
-        }
-        changed
+    /// Where the robot was last.
+    pub(super) fn place(&self) -> Option<Position> {
+        self.last.map(|(_, pose)| Position::new(pose.x_m, pose.y_m))
     }
 
-    /// A step without anybody who takes in readings.
+    /// A step: what was observed in, a command out. Any input is taken; what cannot be used ends in a stop with its reason,
+    /// never in a panic.
     pub fn step(&mut self, seen: &Observation) -> Command {
-        self.step_with(seen, &mut |_| Vec::new())
-    }
-
-    /// A step: what was observed in, a command out. `learn` is handed every usable reading and returns the cells whose rank it
-    /// changes. Any input is taken; what cannot be used ends in a stop with its reason, never in a panic.
-    pub fn step_with(
-        &mut self,
-        seen: &Observation,
-        learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>,
-    ) -> Command {
         self.events.clear();
+        self.events.append(&mut self.news);
         let before = (self.last_command.status, self.reason);
-        let (wanted, status, reason) = self.decide(seen, learn);
+        let (wanted, status, reason) = self.decide(seen);
         let command = self.limited(wanted, status, seen);
         if before != (status, reason) {
             self.events.push(Event::Status { status, reason });
@@ -234,11 +230,7 @@ impl Navigator {
     }
 
     /// The one list of a step.
-    fn decide(
-        &mut self,
-        seen: &Observation,
-        learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>,
-    ) -> ((f64, f64), Status, Reason) {
+    fn decide(&mut self, seen: &Observation) -> ((f64, f64), Status, Reason) {
         let stand = |status, reason| ((0.0, 0.0), status, reason);
         if !is_usable(seen) {
             return stand(Status::Fault, Reason::BadState);
@@ -257,7 +249,7 @@ impl Navigator {
         };
         self.begin_region(at);
         self.look(seen, &pose, step_s);
-        self.take_reading(seen, learn);
+        self.take_reading(seen, at);
         let answer = self.ask_grids(&pose);
         if let Some((status, reason)) = self.end {
             return stand(status, reason);
@@ -288,6 +280,9 @@ impl Navigator {
             self.end = Some((Status::Stopped, reason));
             return stand(Status::Stopped, reason);
         }
+        if let Some(told) = self.cut_off() {
+            return told;
+        }
         let aim = self.aim();
         if self.params.memory {
             self.lay_route(at, aim);
@@ -302,10 +297,14 @@ impl Navigator {
             age_s,
             pose,
             speed_mps: seen.speed_mps,
+            turn_rate_radps: seen.turn_rate_radps,
             scan,
             answer,
             aim,
         };
+        if let Some(told) = self.probe(&now) {
+            return told;
+        }
         if self.params.recover
             && let Some(told) = self.recover(&now)
         {
@@ -365,24 +364,6 @@ impl Navigator {
         }
     }
 
-    fn begin_region(&mut self, at: Position) {
-        if let Some(region) = self.pending_region.take() {
-            // Checked when the navigator was made; a pose beside the map only moves the grids' window there.
-            self.region = RegionState::new(region, &self.vehicle, &self.params, at).ok();
-        }
-    }
-
-    fn take_reading(&mut self, seen: &Observation, learn: &mut dyn FnMut(&PenetrometerReading) -> Vec<(Cell, u8)>) {
-        let Some(reading) = seen.reading else { return };
-        if reading.validate().is_err() {
-            self.events.push(Event::ReadingRefused);
-            return;
-        }
-        let changes = learn(reading);
-        let changed = self.change_ranks(&changes);
-        self.events.push(Event::ReadingTaken { changed });
-    }
-
     fn ask_grids(&mut self, pose: &Pose) -> Option<Navigability> {
         let answer = self.region.as_mut()?.ask(pose);
         self.events.push(Event::Navigability {
@@ -391,6 +372,18 @@ impl Navigator {
             disagreement: answer.disagreement(),
         });
         Some(answer)
+    }
+
+    /// Says so when the map knows no way to the goal, and waits for better news.
+    fn cut_off(&mut self) -> Option<((f64, f64), Status, Reason)> {
+        let region = self.region.as_ref()?;
+        if self.recovery.is_some() || !region.is_cut_off() {
+            return None;
+        }
+        self.watch.restart();
+        let is_off = !matches!(region.rank(self.goal), Some(rank) if rank != 1);
+        let reason = if is_off { Reason::GoalOffMap } else { Reason::CutOff };
+        Some(((0.0, 0.0), Status::NoRoute, reason))
     }
 
     /// What is driven to: the goal, or a safe nest first.

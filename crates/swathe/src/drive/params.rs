@@ -2,7 +2,9 @@
 
 use thiserror::Error;
 
+use crate::belief::{BeliefError, ProbePolicy};
 use crate::nest::NestError;
+use crate::rank::RankError;
 use crate::vehicle::{Motion, Vehicle, VehicleError};
 
 /// Local method that steers.
@@ -68,6 +70,10 @@ pub struct DriveParams {
     pub most_tiles: usize,
     /// What ground outside the nests is.
     pub outside_nests: OutsideNests,
+    /// When the robot stops for a penetrometer reading; costs are in seconds of driving.
+    pub probing: ProbePolicy,
+    /// Seconds that it waits for one before it drives on.
+    pub probe_wait_s: f64,
 }
 
 impl Default for DriveParams {
@@ -92,6 +98,8 @@ impl Default for DriveParams {
             window_cells: 256,
             most_tiles: 2048,
             outside_nests: OutsideNests::Cost,
+            probing: ProbePolicy::Never,
+            probe_wait_s: 30.0,
         }
     }
 }
@@ -105,6 +113,15 @@ pub enum DriveError {
     /// The region's grids are not usable.
     #[error(transparent)]
     Nest(#[from] NestError),
+    /// What is told of the soil is not usable.
+    #[error(transparent)]
+    Belief(#[from] BeliefError),
+    /// The map cannot be ranked.
+    #[error(transparent)]
+    Rank(#[from] RankError),
+    /// News of the soil for a region that does not know its soil.
+    #[error("The navigator's region cannot learn: it holds finished ranks, or there is none.")]
+    NoKnowledge,
     /// A figure outside its range.
     #[error("The navigator's {name} of {given} is not usable: {allowed}.")]
     Figure {
@@ -150,6 +167,7 @@ impl DriveParams {
             ("time without headway in seconds", self.trap_s, 0.5, 3600.0),
             ("window in cells", self.window_cells as f64, 64.0, 2048.0),
             ("number of tiles", self.most_tiles as f64, 16.0, 1e6),
+            ("wait for a reading in seconds", self.probe_wait_s, 0.0, 3600.0),
         ];
         for (name, given, least, most) in figures {
             if !(given >= least && given <= most) {
@@ -157,6 +175,7 @@ impl DriveParams {
                 return Err(DriveError::Figure { name, given, allowed });
             }
         }
+        self.probing.validate()?;
         Ok(())
     }
 }

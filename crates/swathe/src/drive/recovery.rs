@@ -34,6 +34,7 @@ impl Navigator {
                 self.recovery = None;
                 self.window = None;
                 self.watch.restart();
+                self.lay_global(at);
             }
             return None;
         }

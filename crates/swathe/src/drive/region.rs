@@ -5,6 +5,7 @@ use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCo
 use crate::sensor::Pose;
 use crate::vehicle::Vehicle;
 
+use super::knowledge::{Knowledge, Learnt, Standing};
 use super::params::{DriveError, DriveParams, OutsideNests};
 use super::route::Ground;
 
@@ -34,10 +35,53 @@ pub struct Region {
     pub grids: Option<GridsParams>,
 }
 
+/// Where ranks come from.
+#[derive(Clone, Debug)]
+pub(super) enum Source {
+    /// A map that says what it says.
+    Ranked(Region),
+    /// One that learns, with the overlapping grids for it.
+    Known(Box<Knowledge>, Option<GridsParams>),
+}
+
+impl Source {
+    pub fn ranks(&self) -> &Layer<u8> {
+        match self {
+            Self::Ranked(region) => &region.ranks,
+            Self::Known(knowledge, _) => knowledge.ranks(),
+        }
+    }
+
+    pub fn route(&self) -> &[Position] {
+        match self {
+            Self::Ranked(region) => &region.route,
+            Self::Known(knowledge, _) => knowledge.route(),
+        }
+    }
+
+    fn grids(&self) -> Option<&GridsParams> {
+        match self {
+            Self::Ranked(region) => region.grids.as_ref(),
+            Self::Known(_, grids) => grids.as_ref(),
+        }
+    }
+
+    /// The elevation map, if it can tell which returns are ground.
+    fn elevation_m(&self) -> Option<&Layer<f32>> {
+        match self {
+            Self::Ranked(region) => region.elevation_m.as_ref(),
+            Self::Known(knowledge, _) => {
+                let map = knowledge.map();
+                map.explains_returns.then_some(&map.elevation_m)
+            }
+        }
+    }
+}
+
 /// The map in use.
 #[derive(Debug)]
 pub(super) struct RegionState {
-    region: Region,
+    source: Source,
     grids: OverlappingGrids,
     footprint: Footprint,
     point: Footprint,
@@ -47,39 +91,46 @@ pub(super) struct RegionState {
 }
 
 impl RegionState {
-    pub fn new(region: Region, vehicle: &Vehicle, params: &DriveParams, at: Position) -> Result<Self, DriveError> {
-        let grids = region
-            .grids
-            .clone()
-            .unwrap_or_else(|| GridsParams::for_vehicle(vehicle));
+    pub fn new(source: Source, vehicle: &Vehicle, params: &DriveParams, at: Position) -> Result<Self, DriveError> {
+        let usual = || GridsParams::for_vehicle(vehicle);
+        let grids = source.grids().cloned().unwrap_or_else(usual);
         Ok(Self {
-            grids: OverlappingGrids::new(grids, at, &RankCodes(region.ranks.view()))?,
+            grids: OverlappingGrids::new(grids, at, &RankCodes(source.ranks().view()))?,
             footprint: Footprint::of_vehicle(vehicle)?,
             point: Footprint::circle(0.0)?,
             outside: params.outside_nests,
             leaving_no_go: false,
-            region,
+            source,
         })
+    }
+
+    /// Says what is wrong with the grids of a map, which are made at the first pose.
+    pub fn check(source: &Source, vehicle: &Vehicle) -> Result<(), DriveError> {
+        let usual = || GridsParams::for_vehicle(vehicle);
+        let grids = source.grids().cloned().unwrap_or_else(usual);
+        grids.validate(source.ranks().geometry())?;
+        Footprint::of_vehicle(vehicle)?;
+        Ok(())
     }
 
     /// Moves the grids with the robot and asks them all.
     pub fn ask(&mut self, pose: &Pose) -> Navigability {
         let at = Position::new(pose.x_m, pose.y_m);
         // The evidence keeps its geometry and the pose is finite: this cannot fail.
-        let moved = self.grids.recentre(at, &RankCodes(self.region.ranks.view()));
+        let moved = self.grids.recentre(at, &RankCodes(self.source.ranks().view()));
         debug_assert!(moved.is_ok());
         self.grids.navigable(at, pose.heading_rad, &self.footprint)
     }
 
     /// Rank at a place; `None` outside the map.
     pub fn rank(&self, at: Position) -> Option<u8> {
-        let cell = self.region.ranks.geometry().cell_at(at)?;
-        Some(self.region.ranks[cell])
+        let ranks = self.source.ranks();
+        Some(ranks[ranks.geometry().cell_at(at)?])
     }
 
     /// For every column and every row of another grid, the column and row of the ranks at its middle; `None` outside.
     fn lines(&self, columns: impl Iterator<Item = f64>, rows: impl Iterator<Item = f64>) -> [Vec<Option<usize>>; 2] {
-        let geometry = self.region.ranks.geometry();
+        let geometry = self.source.ranks().geometry();
         let inside = |place: f64, count: usize| (place >= 0.0 && place < count as f64).then_some(place as usize);
         let column = |x_m| inside(geometry.fractional(Position::new(x_m, 0.0)).1, geometry.columns());
         let row = |y_m| inside(geometry.fractional(Position::new(0.0, y_m)).0, geometry.rows());
@@ -105,7 +156,7 @@ impl RegionState {
         }
         for (cells, row) in window.chunks_exact_mut(side).zip(rows) {
             let Some(row) = row else { continue };
-            let ranks = self.region.ranks.view().row(row);
+            let ranks = self.source.ranks().view().row(row);
             for (cell, column) in cells.iter_mut().zip(&columns) {
                 if column.is_some_and(|column| ranks[column] == 1) {
                     *cell = closed;
@@ -156,41 +207,59 @@ impl RegionState {
 
     /// What is left of the global route from the point nearest to a place on.
     pub fn rest_of_route(&self, at: Position) -> &[Position] {
-        let route = &self.region.route;
+        let route = self.source.route();
         let nearest = (0..route.len()).min_by(|&a, &b| route[a].distance_m(at).total_cmp(&route[b].distance_m(at)));
         nearest.map_or(&[], |nearest| &route[nearest..])
     }
 
-    /// Gives cells other ranks; returns how many have changed.
-    pub fn change(&mut self, changes: &[(Cell, u8)]) -> usize {
-        let geometry = self.region.ranks.geometry();
-        let mut changed: Option<(Cell, Cell)> = None;
-        let mut count = 0;
-        for &(cell, rank) in changes {
-            if geometry.checked(cell.row as i64, cell.column as i64).is_none() || rank > 10 {
-                continue;
-            }
-            let index = geometry.index(cell);
-            if std::mem::replace(&mut self.region.ranks.data_mut()[index], rank) == rank {
-                continue;
-            }
-            count += 1;
-            let (low, high) = changed.get_or_insert((cell, cell));
+    /// Points of the global route.
+    pub fn route(&self) -> &[Position] {
+        self.source.route()
+    }
+
+    /// What learns, if the map does.
+    pub fn knowledge(&self) -> Option<&Knowledge> {
+        match &self.source {
+            Source::Ranked(_) => None,
+            Source::Known(knowledge, _) => Some(knowledge),
+        }
+    }
+
+    /// What learns, to be taught; [`Self::refresh`] must follow.
+    pub fn knowledge_mut(&mut self) -> Option<&mut Knowledge> {
+        match &mut self.source {
+            Source::Ranked(_) => None,
+            Source::Known(knowledge, _) => Some(knowledge),
+        }
+    }
+
+    /// Whether no-go ground is known to lie between robot and goal.
+    pub fn is_cut_off(&self) -> bool {
+        self.knowledge()
+            .is_some_and(|knowledge| knowledge.standing() == Standing::CutOff)
+    }
+
+    /// Lets the grids follow changed ranks.
+    pub fn refresh(&mut self, learnt: &Learnt) {
+        let mut window: Option<(Cell, Cell)> = None;
+        for &(cell, _, _) in &learnt.ranks {
+            let (low, high) = window.get_or_insert((cell, cell));
             *low = Cell::new(low.row.min(cell.row), low.column.min(cell.column));
             *high = Cell::new(high.row.max(cell.row), high.column.max(cell.column));
         }
-        if let Some((low, high)) = changed {
-            let view = self.region.ranks.view();
+        if let Some((low, high)) = window {
             let (rows, columns) = (low.row..high.row + 1, low.column..high.column + 1);
-            let refreshed = self.grids.refresh(rows, columns, &RankCodes(view));
+            let refreshed = self
+                .grids
+                .refresh(rows, columns, &RankCodes(self.source.ranks().view()));
             debug_assert!(refreshed.is_ok());
         }
-        count
     }
 
     /// The nearest suitable ground, in a nest if there is one within reach.
     pub fn retreat(&self, at: Position) -> Option<Position> {
-        let geometry = self.region.ranks.geometry();
+        let ranks = self.source.ranks();
+        let geometry = ranks.geometry();
         let reach = (RETREAT_M / geometry.cell_size_m()).ceil() as i64;
         let (row, column) = geometry.fractional(at);
         let (row, column) = (row.floor() as i64, column.floor() as i64);
@@ -203,7 +272,7 @@ impl RegionState {
                 };
                 let place = geometry.centre(cell);
                 let away_m = place.distance_m(at);
-                if self.region.ranks[cell] < rank_min || away_m > RETREAT_M {
+                if ranks[cell] < rank_min || away_m > RETREAT_M {
                     continue;
                 }
                 let candidate = (!self.in_nest(place), away_m, place);
@@ -217,7 +286,7 @@ impl RegionState {
 
     /// Elevation at a place, between the centres of four cells; `None` where it is not known.
     pub fn height_m(&self, at: Position) -> Option<f64> {
-        let elevation = self.region.elevation_m.as_ref()?;
+        let elevation = self.source.elevation_m()?;
         let geometry = elevation.geometry();
         let (row, column) = geometry.fractional(at);
         let (row, column) = (row - 0.5, column - 0.5);
@@ -255,7 +324,7 @@ impl Ground for RegionState {
         let no_go = if self.leaving_no_go { NO_GO_COST } else { f32::INFINITY };
         let mut factors = Vec::with_capacity(geometry.cell_count());
         for row in &lines[1] {
-            let ranks = row.map(|row| self.region.ranks.view().row(row));
+            let ranks = row.map(|row| self.source.ranks().view().row(row));
             let factor = |column: &Option<usize>| match ranks.zip(*column).map(|(ranks, column)| ranks[column]) {
                 Some(1) => no_go,
                 None => f32::INFINITY,

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use crate::grid::Position;
 use crate::local::{
-    Body, CERTAINTY_MAX, CertaintyGrid, Goodness, Ground, PlayerParams, PlayerVfh, Steering, TooClose, Vfh, VfhParams,
-    VfhPlus, VfhPlusParams, VfhStar, VfhStarParams,
+    Body, CERTAINTY_MAX, CertaintyGrid, Goodness, Ground, PlayerParams, PlayerVfh, PolarHistogram, Steering, TooClose,
+    Vfh, VfhParams, VfhPlus, VfhPlusParams, VfhStar, VfhStarParams,
 };
 use crate::sensor::{Pose, Scan, wrap};
 
@@ -26,9 +26,28 @@ enum Kind {
     Player(PlayerVfh),
 }
 
+/// The polar histogram of a step and what was made of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Histogram {
+    /// Obstacle density of every sector; sector k points k times the sector's angle off `first_rad`.
+    pub densities: Vec<f32>,
+    /// Whether a sector is too dense to drive into.
+    pub blocked: Vec<bool>,
+    /// Direction of sector 0, counter-clockwise from east.
+    pub first_rad: f64,
+    /// Densities below which a sector opens and from which it is blocked; equal where a method has one.
+    pub thresholds: (f64, f64),
+    /// Where the method steers to; `None` when every direction is closed.
+    pub direction_rad: Option<f64>,
+}
+
 #[derive(Debug)]
 pub(super) struct Local {
     kind: Kind,
+    /// What the method of 1991 saw last; the others keep it themselves.
+    seen: Option<PolarHistogram>,
+    nose_rad: f64,
+    direction_rad: Option<f64>,
     side: usize,
     window: Vec<u8>,
 }
@@ -82,6 +101,9 @@ impl Local {
         };
         Self {
             kind,
+            seen: None,
+            nose_rad: 0.0,
+            direction_rad: None,
             side,
             window: vec![0; side * side],
         }
@@ -121,8 +143,12 @@ impl Local {
             .as_ref()
             .map(|ground| |direction_rad: f64| ground.goodness(pose.x_m, pose.y_m, direction_rad));
         let by_direction = goodness.as_ref().map(|goodness| goodness as Goodness);
-        match &mut self.kind {
-            Kind::Vfh(vfh) => vfh.steer(&self.window, pose.heading_rad, target_rad, by_direction).1,
+        let steering = match &mut self.kind {
+            Kind::Vfh(vfh) => {
+                let (seen, steering) = vfh.steer(&self.window, pose.heading_rad, target_rad, by_direction);
+                self.seen = Some(seen);
+                steering
+            }
             Kind::Plus(vfh) => vfh.steer(&self.window, pose.heading_rad, target_rad, &body, by_direction),
             Kind::Star(vfh) => {
                 let towards = |x_m: f64, y_m: f64| (now.target.y_m - y_m).atan2(now.target.x_m - x_m);
@@ -147,7 +173,36 @@ impl Local {
                     width_rad: TAU,
                 }
             }
-        }
+        };
+        (self.nose_rad, self.direction_rad) = (pose.heading_rad, steering.direction_rad);
+        steering
+    }
+
+    /// What the last step saw; `None` before the first.
+    pub fn histogram(&self) -> Option<Histogram> {
+        let (seen, thresholds) = match &self.kind {
+            Kind::Vfh(vfh) => (self.seen.clone()?, [f64::from(vfh.tau()); 2]),
+            Kind::Plus(vfh) => (vfh.histogram().clone(), thresholds_of(vfh)),
+            Kind::Star(vfh) => (vfh.plus().histogram().clone(), thresholds_of(vfh.plus())),
+            Kind::Player(vfh) => {
+                let [low, high] = PlayerParams::default().obs_cutoff;
+                let densities: Vec<f32> = vfh.histogram().iter().map(|&density| density as f32).collect();
+                return Some(Histogram {
+                    blocked: vfh.histogram().iter().map(|&density| density > low.max(high)).collect(),
+                    densities,
+                    first_rad: self.nose_rad,
+                    thresholds: (low.min(high), low.max(high)),
+                    direction_rad: self.direction_rad,
+                });
+            }
+        };
+        Some(Histogram {
+            densities: seen.density,
+            blocked: seen.blocked,
+            first_rad: 0.0,
+            thresholds: (thresholds[0], thresholds[1]),
+            direction_rad: self.direction_rad,
+        })
     }
 }
 
@@ -200,4 +255,10 @@ impl Ground for Underfoot<'_> {
         };
         [0.25, 0.5, 0.75, 1.0].map(goodness).iter().sum::<f64>() / 4.0
     }
+}
+
+/// Both thresholds of VFH+.
+fn thresholds_of(vfh: &VfhPlus) -> [f64; 2] {
+    let high = f64::from(vfh.tau_high());
+    [f64::from(vfh.params().tau_low_share) * high, high]
 }

@@ -44,7 +44,7 @@ pub use drivable::{
     dubins, reeds_shepp,
 };
 pub use eikonal::eikonal_field;
-pub use ground::{BRIDGE_FACTOR, Ground, Objective, Obstacle, SegmentFacts};
+pub use ground::{BRIDGE_FACTOR, Ground, Headings, Objective, Obstacle, SegmentFacts};
 pub use kernel::CellCost;
 pub use lazy_astar::{LazyAnswer, LazyRequest, lazy_astar};
 pub use path_kind::PathKind;

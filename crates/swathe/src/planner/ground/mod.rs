@@ -7,6 +7,7 @@
 //! what is closed to the quickest way is closed to every other.
 
 mod facts;
+mod headings;
 mod limits;
 mod motion;
 mod objective;
@@ -23,11 +24,12 @@ use crate::vehicle::Vehicle;
 
 use super::search::StepGraph;
 use limits::Limits;
-use motion::{energy_j, speed_mps, steady_grades};
+use motion::{energy_j, speed_mps};
 use pricing::Pricing;
-use template::{Template, bilinear, template};
+use template::{Template, bilinear};
 
 pub use facts::{Obstacle, SegmentFacts};
+pub use headings::Headings;
 pub(super) use motion::cost_per_m;
 pub use objective::Objective;
 
@@ -44,6 +46,8 @@ pub struct Ground<'a> {
     pricing: Pricing<'a>,
     /// Allowed directions of each open cell; 0 is closed.
     headings: Layer<u16>,
+    /// Soil codes of open cells, a bit each.
+    soils_met: u8,
     bridged: Option<BitRows>,
     radius_m: f64,
     templates: Vec<Template>,
@@ -71,15 +75,7 @@ impl<'a> Ground<'a> {
     ) -> Self {
         let geometry = elevation_m.geometry();
         let soils = SoilClass::ALL.map(|class| Trafficability::of(vehicle, class, moisture_percent));
-        let radius_m = vehicle.circumscribed_radius_m();
-        let templates: Vec<Template> = SIXTEEN.iter().map(|step| template(*step, geometry, radius_m)).collect();
         let limits = Limits::new(vehicle);
-        let reach = templates
-            .iter()
-            .flat_map(|template| &template.swept)
-            .map(|step| step.rows.abs().max(step.columns.abs()) as usize)
-            .max()
-            .unwrap_or(0);
         let mut headings = Layer::filled(geometry, 0);
         let columns = geometry.columns();
         let soils_met = headings
@@ -102,31 +98,13 @@ impl<'a> Ground<'a> {
                 met
             })
             .reduce(|| 0, |a, b| a | b);
-        let speeds = soils.iter().enumerate().filter(|(code, _)| soils_met >> code & 1 == 1);
-        let fastest_mps = speeds.fold(0.0, |fastest: f64, (_, soil)| fastest.max(soil.speed_mps));
-        // Where nothing is open any speed will do.
-        let fastest_mps = if fastest_mps > 0.0 {
-            fastest_mps
-        } else {
-            vehicle.max_speed_mps
+        let known = Headings {
+            allowed: headings,
+            soils_met,
         };
-        Self {
-            elevation_m,
-            soil,
-            vehicle,
-            pricing: Pricing::new(vehicle, &soils, Objective::default()),
-            soils,
-            limits,
-            headings,
-            bridged,
-            radius_m,
-            templates,
-            steady: soils.map(|soil| steady_grades(vehicle, &soil)),
-            fastest_mps,
-            reach,
-            goal,
-            reversed: false,
-        }
+        let mut ground = Self::on(elevation_m, soil, vehicle, moisture_percent, known, goal);
+        ground.bridged = bridged;
+        ground
     }
 
     /// The same ground where a way costs what an objective says. What weighs risk needs [`Self::with_exposure`] too.

@@ -1,0 +1,173 @@
+//! When the robot stops for a penetrometer reading, and how it waits for one.
+
+use crate::belief::ProbePolicy;
+use crate::grid::Position;
+
+use super::event::{Event, Reason, Status};
+use super::knowledge::{Outlook, ProbeSite};
+use super::motion::Now;
+use super::navigator::Navigator;
+use super::region::RegionState;
+
+/// How far ahead on the global way readings are weighed, in metres.
+const REACH_M: f64 = 60.0;
+
+/// Speed and turn rate at which the robot stands.
+const REST_MPS: f64 = 0.02;
+const REST_RADPS: f64 = 0.05;
+
+/// Distance from a site at which the robot is there, in metres.
+const THERE_M: f64 = 1.0;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum State {
+    #[default]
+    Driving,
+    Stopping,
+    Waiting {
+        since_s: f64,
+    },
+}
+
+/// What is known of readings ahead.
+#[derive(Clone, Debug)]
+struct Plan {
+    made_at: Position,
+    outlooks: Vec<Outlook>,
+    /// The site chosen, what a reading there saves, and how near the robot came.
+    chosen: Option<(ProbeSite, f64, f64)>,
+}
+
+/// Where the robot stands with its readings.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Probing {
+    state: State,
+    since_last_m: f64,
+    last_at: Option<Position>,
+    plan: Option<Plan>,
+    saving_s: Option<f64>,
+}
+
+impl Probing {
+    /// A reading came.
+    pub fn answered(&mut self, at: Position) {
+        *self = Self {
+            last_at: Some(at),
+            ..Self::default()
+        };
+    }
+
+    /// The ground is known otherwise: what readings are worth must be weighed anew.
+    pub fn forget_plan(&mut self) {
+        self.plan = None;
+    }
+
+    pub fn is_waiting(&self) -> bool {
+        matches!(self.state, State::Waiting { .. })
+    }
+
+    fn note_way(&mut self, at: Position) {
+        if let Some(last) = self.last_at.replace(at) {
+            self.since_last_m += last.distance_m(at);
+        }
+    }
+}
+
+impl Navigator {
+    /// Whether the robot stands and waits for a penetrometer reading where it is.
+    pub fn wants_probe(&self) -> bool {
+        self.probing.is_waiting()
+    }
+
+    /// Stops for a reading when it is due and waits for it; `None` drives on.
+    pub(super) fn probe(&mut self, now: &Now) -> Option<((f64, f64), Status, Reason)> {
+        let at = now.at();
+        self.probing.note_way(at);
+        if self.recovery.is_some() || self.region.as_ref().is_none_or(|region| region.knowledge().is_none()) {
+            self.probing.state = State::Driving;
+            return None;
+        }
+        if self.probing.state == State::Driving && self.is_probe_due(at) {
+            self.probing.state = State::Stopping;
+        }
+        let stands = now.speed_mps.abs() <= REST_MPS && now.turn_rate_radps.abs() <= REST_RADPS;
+        if self.probing.state == State::Stopping && stands {
+            self.probing.state = State::Waiting { since_s: now.time_s };
+            let expected_saving_s = self.probing.saving_s;
+            self.events.push(Event::ProbeWanted { at, expected_saving_s });
+        }
+        match self.probing.state {
+            State::Driving => None,
+            State::Waiting { since_s } if now.time_s - since_s > self.params.probe_wait_s => {
+                let waited_s = now.time_s - since_s;
+                self.events.push(Event::ProbeMissed { waited_s });
+                self.probing.answered(at);
+                self.watch.restart();
+                None
+            }
+            State::Stopping | State::Waiting { .. } => {
+                // Standing on purpose is no trap.
+                self.watch.restart();
+                self.blocked_since_s = None;
+                Some(((0.0, 0.0), Status::Driving, Reason::Probing))
+            }
+        }
+    }
+
+    fn is_probe_due(&mut self, at: Position) -> bool {
+        match self.params.probing {
+            ProbePolicy::Never => false,
+            ProbePolicy::EveryMetres(metres) => {
+                self.probing.saving_s = None;
+                self.probing.since_last_m >= metres
+            }
+            ProbePolicy::WhereItMatters { probe_cost } => self.is_worth_a_reading(at, probe_cost),
+        }
+    }
+
+    /// Weighs readings along the way ahead, one outcome in a step, and says when the robot is where the best one pays.
+    fn is_worth_a_reading(&mut self, at: Position, probe_cost: f64) -> bool {
+        let Some(knowledge) = self.region.as_mut().and_then(RegionState::knowledge_mut) else {
+            return false;
+        };
+        let spacing_m = 0.5 * knowledge.belief().params().length_m;
+        let is_old = |plan: &mut Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= spacing_m;
+        if self.probing.plan.as_mut().is_none_or(|plan| is_old(plan)) {
+            let sites = knowledge.probe_sites(at, spacing_m, REACH_M);
+            self.probing.plan = Some(Plan {
+                made_at: at,
+                outlooks: sites.into_iter().map(|site| knowledge.outlook(site)).collect(),
+                chosen: None,
+            });
+        }
+        let Some(plan) = &mut self.probing.plan else {
+            return false;
+        };
+        if let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
+            let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
+            knowledge.weigh(outlook, dead_end_s);
+            return false;
+        }
+        if plan.chosen.is_none() {
+            let worth = plan.outlooks.iter().filter(|outlook| outlook.saving > probe_cost);
+            // The first of those that save most.
+            let best = worth.reduce(|best, other| if other.saving > best.saving { other } else { best });
+            plan.chosen = best.map(|best| (best.site, best.saving, f64::INFINITY));
+        }
+        let Some((site, saving, nearest_m)) = &mut plan.chosen else {
+            return false;
+        };
+        let away_m = site.at.distance_m(at);
+        let is_leaving = away_m > *nearest_m + 0.2;
+        *nearest_m = nearest_m.min(away_m);
+        if away_m <= THERE_M || (is_leaving && away_m <= 0.5 * spacing_m) {
+            self.probing.saving_s = Some(*saving);
+            return true;
+        }
+        if is_leaving && away_m > spacing_m {
+            // The robot went another way.
+            self.probing.plan = None;
+        }
+        false
+    }
+}
