@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SUMMARY = "summary.json"
-RUN_LOG = "run.mcap"
 
 #: The pictures of ``swathe figures`` in the order in which a reader meets them.
 FIGURES = (
@@ -51,7 +50,6 @@ OUR_FILES = frozenset(
         "report.html",
         "animation.gif",
         "animation.html",
-        RUN_LOG,
         *DRIVE_PICTURES,
         "index.html",
         *FIGURES,

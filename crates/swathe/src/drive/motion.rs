@@ -6,6 +6,7 @@ use crate::sensor::{Pose, Scan, wrap};
 
 use super::event::Event;
 use super::navigator::Navigator;
+use super::params::REST_MPS;
 use super::region::RegionState;
 use super::safety::Sight;
 use super::steer::Situation;
@@ -15,9 +16,6 @@ const IN_PLACE_RAD: f64 = 0.9;
 
 /// Turn rate by radian off the wanted direction.
 const TURN_GAIN: f64 = 2.0;
-
-/// Speeds below this are rest.
-const REST_MPS: f64 = 0.03;
 
 /// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
 const CAREFUL_SHARE: f64 = 0.25;
