@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import swathe
 from swathe.outputs import write, write_summary
+from swathe.planning import ranks_of
 from swathe.summary import plan_summary
 
 if TYPE_CHECKING:
@@ -110,10 +111,8 @@ def write_drive(
 ) -> None:
     """Write every file of a drive into its staging folder, the summary last; ``log`` is None where nothing drove."""
     if log is not None:
-        from swathe.report import drive_pictures
-
         with watch.step("pictures"):
-            drive_pictures.draw(folder, log, made, animate=animate, on_progress=on_progress)
+            _draw(folder, made, log, summary, animate=animate)
     if made.found is not None:
         write(folder, out, made.found.shown, made.found.answer, summary, watch=watch, on_progress=on_progress, log=log)
         return
@@ -121,3 +120,28 @@ def write_drive(
     from swathe.report.html import write_html
 
     write_html(folder)
+
+
+def _draw(folder: Path, made: Stage, log: Path, summary: dict[str, Any], *, animate: bool) -> None:
+    """Draw the pictures of a drive from its log."""
+    from swathe.report import drive_pictures, wording
+    from swathe.report.drive import Drive, Ground
+    from swathe.runlog import RunLog
+
+    ground = None
+    if made.found is not None:
+        region = made.found.shown.region
+        ground = Ground(region.geometry, region.elevation_m, ranks_of(made.found.shown))
+    scenario = made.scenario
+    drawn = Drive(
+        RunLog.read(log),
+        made.vehicle.length_m,
+        made.vehicle.width_m,
+        wording.headline(summary),
+        f"{made.vehicle.name}, {scenario.drive.method}, seed {scenario.seed}",
+        (made.goal.x_m, made.goal.y_m),
+        () if made.world is None else made.world.obstacles,
+        ground,
+    )
+    tags = {"swathe_version": str(summary["version"]), "swathe_seed": str(scenario.seed)}
+    drive_pictures.draw(folder, drawn, tags, animate=animate)

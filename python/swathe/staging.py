@@ -153,8 +153,9 @@ def stage(
         found = search(source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress)
     planned = found.answer.route
     if planned is None or not planned.legs:
-        between = np.array([(end.x_m, end.y_m) for end in found.ends])
-        return Stage(scenario, vehicle, toml, found, None, Pose(*between[0], 0.0), found.ends[1], Route(between))
+        start, goal = found.ends
+        between = Route(np.array([(start.x_m, start.y_m), (goal.x_m, goal.y_m)]))
+        return Stage(scenario, vehicle, toml, found, None, Pose(start.x_m, start.y_m, 0.0), goal, between)
     route = Route(planned.xy_m)
     first, second = route.points_m[:2]
     heading_rad = math.atan2(second[1] - first[1], second[0] - first[0])

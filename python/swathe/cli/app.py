@@ -55,7 +55,7 @@ from swathe.cli.options import (
     settings_of,
     terrain_request,
 )
-from swathe.cli.root import app
+from swathe.cli.root import app as app  # noqa: PLC0414 - what this module is imported for
 
 
 @app.callback(invoke_without_command=True)

@@ -322,6 +322,6 @@ def replay(
     from swathe.cli import say
 
     with say.driving(quiet=quiet or json) as on_second:
-        answer = driving.replay(run, verify=verify, out=out, on_second=on_second)
+        answer = driving.replay(run, again=verify, out=out, on_second=on_second)
     say.line(answer, "\n".join(answer.pop("lines")), as_json=json)
     return 0 if answer["status"] in {"done", "equal"} else 3
