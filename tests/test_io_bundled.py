@@ -13,8 +13,10 @@ from swathe.errors import MissingFileError
 from swathe.grid import Window
 from swathe.io.bundled import generate_soil
 from swathe.io.elevation import open_elevation
+from swathe.io.generated import GENERATED, generated_elevation, generated_soil
 from swathe.io.soil import read_soil
 from swathe.soil import SoilClass
+from swathe.terrain import slope
 
 NAME = "bundled:jacksboro"
 
@@ -115,3 +117,31 @@ def test_reading_it_does_not_import_matplotlib() -> None:
     environment = environ | {"PYTHONPATH": pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
     assert done.stdout == "False\n"
+
+
+@pytest.mark.parametrize("name", sorted(GENERATED))
+def test_maps_made_by_rule_are_read_like_files(name: str) -> None:
+    with open_elevation([f"bundled:{name}"]) as source:
+        heights_m, frame = source.read(), source.frame
+        fingerprint = source.fingerprint()
+    recipe = GENERATED[name]
+    assert frame.crs_wkt is None
+    assert frame.geometry.cell_size_m == recipe.cell_size_m
+    np.testing.assert_array_equal(heights_m, generated_elevation(name))
+    assert len(next(iter(fingerprint.values()))) == 64
+    soil = read_soil(f"bundled:{name}", frame)
+    np.testing.assert_array_equal(soil.codes, generated_soil(name))
+    assert len(np.unique(soil.codes)) == 5
+
+
+def test_the_gully_of_the_heath_is_too_steep_to_cross_and_can_be_gone_around() -> None:
+    grade = slope(generated_elevation("heath"), 1.0)
+    # From the north edge to well past the middle every row has a wall of more than 25 %.
+    assert (np.nanmax(grade[5:220, 110:215], axis=1) > 0.25).all()
+    assert np.nanmax(grade[250:315]) < 0.25
+
+
+def test_the_papers_ground_has_hills_over_and_under_the_papers_grade() -> None:
+    grade = slope(generated_elevation("paper"), 0.25)
+    steep = np.nanmean(grade > 0.25)
+    assert 0.001 < steep < 0.1

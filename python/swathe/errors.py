@@ -127,6 +127,12 @@ class InvalidVehicleError(InputError):
     kind = "invalid_vehicle"
 
 
+class InvalidScenarioError(InputError):
+    """A scenario breaks a rule."""
+
+    kind = "invalid_scenario"
+
+
 class OutputError(InputError):
     """The output folder cannot be written, is full, or is not ours."""
 

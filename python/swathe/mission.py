@@ -8,20 +8,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from swathe import comparison, planner, rank
-from swathe import nest as nesting
+from swathe import comparison, planner
 from swathe.config import require_swarm
-from swathe.errors import InterruptedBySignalError, UnreadableFileError
-from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
-from swathe.export.geojson import drivable_collection, nest_collection, route_collection
-from swathe.io.lazy import TRIES, tiles_under
-from swathe.io.raster import write_raster
-from swathe.io.window import bounded, first_window, larger_window, nearest_cell
-from swathe.preparation import Stopwatch, as_read, lazy_elevation, open_source, place_of, prepare
+from swathe.export.folder import run_folder
+from swathe.io.window import bounded
+from swathe.outputs import unread_error, write, write_unread
+from swathe.planning import search
+from swathe.preparation import Stopwatch, open_source, place_of, prepare
 from swathe.report.animation import MOST_FRAMES, frame_step
-from swathe.report.palette import rank_colour_table
+from swathe.scenario import request_of
 from swathe.summary import plan_summary, shared_summary, stop_notes, stop_summary, swarm_summary
 from swathe.vehicle import load_vehicle
 
@@ -29,11 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from swathe.config import Settings, TerrainRequest
-    from swathe.grid import Position, Window
-    from swathe.io.lazy import LazyElevation
+    from swathe.grid import Position
     from swathe.planner import Plan
     from swathe.preparation import Ground
 
@@ -62,71 +54,33 @@ def plan_route(
     """
     watch = Stopwatch()
     require_swarm(settings, animate=animate)
-    stop = settings.stop
-    headings_rad = settings.headings_rad()
     with run_folder(out) as folder:
         vehicle = load_vehicle(settings.vehicle)
         with watch.step("open"):
             source = open_source(terrain)
         with source:
-            ends = [place_of(source, point, terrain.points_crs) for point in (start, goal)]
-            whole = bounded(source, terrain.bounds, terrain.points_crs)
-            # An animation shows all of its map.
-            lazy = None if animate else lazy_elevation(source, terrain, whole, settings, on_progress)
-            window = first_window(source, whole, ends, lazy=lazy is not None)
-            while True:
-                is_whole = window == whole
-                ground = prepare(
-                    source,
-                    terrain,
-                    window,
-                    vehicle,
-                    settings,
-                    is_whole=is_whole,
-                    watch=watch,
-                    on_progress=on_progress,
-                    lazy=lazy,
-                )
-                before = watch.seconds.get("plan", 0.0)
-                with watch.step("plan"):
-                    answer = planner.plan(
-                        ground.planned,
-                        ends[0],
-                        ends[1],
-                        method=settings.method,
-                        swarm=settings.swarm_params(),
-                        corridor=settings.corridor_params(),
-                        path=settings.path,
-                        start_heading_rad=headings_rad[0],
-                        goal_heading_rad=headings_rad[1],
-                        bridge=settings.bridge,
-                        certify=settings.certify,
-                        stop=stop,
-                        map_continues=not ground.is_whole,
-                        objective=settings.objective,
-                        cost=ground.cost,
-                        frames=MOST_FRAMES if animate else 0,
-                        frame_step=frame_step(ground.planned.geometry),
-                        on_progress=on_progress,
-                    )
-                if not _needs_more_map(answer, ground, settings):
-                    break
-                window = larger_window(window, whole)
-                if answer.swarm is not None:
-                    stop = stop.after(
-                        replace(answer.swarm, cells_evaluated=answer.cells_evaluated), watch.seconds["plan"] - before
-                    )
-            shown, answer = _as_shown(ground, window, lazy, answer, ends[0])
-            tiles = (tiles_under(window) if lazy is None else lazy.tiles_read, tiles_under(whole))
-            is_lazy = lazy is not None
-            summary = plan_summary(ground, answer, settings, (start, goal), ends, tiles=tiles, is_lazy=is_lazy)
-            unread = _unread(lazy, answer, summary, out)
+            found = search(
+                source,
+                terrain,
+                (start, goal),
+                settings,
+                vehicle,
+                watch=watch,
+                # An animation shows all of its map.
+                lazily=not animate,
+                frames=MOST_FRAMES if animate else 0,
+                on_progress=on_progress,
+            )
+            ground, answer, ends = found.shown, found.answer, found.ends
+            summary = plan_summary(found, settings, (start, goal))
+            summary["request"] = request_of(terrain, settings, (start, goal))
+            unread = unread_error(found.lazy, answer, summary, out)
             if unread is not None:
-                _write_unread(folder, out, shown, answer, summary, watch=watch)
+                write_unread(folder, out, ground, answer, summary, watch=watch)
             else:
                 if animate and answer.frames:
-                    _animate(folder, ground, answer, settings, (ends[0], ends[1]), watch=watch)
-                _write(folder, out, shown, answer, summary, watch=watch, on_progress=on_progress)
+                    _animate(folder, ground, answer, settings, ends, watch=watch)
+                write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
     if unread is not None:
         raise unread
     return summary
@@ -223,42 +177,8 @@ def find_nests(
                             frame_step=frame_step(region.geometry),
                         )
                         animation.animate_plan(folder, region, params, answer, places, source=names)
-            _write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
+            write(folder, out, ground, shown.nests, summary, watch=watch, on_progress=on_progress)
     return summary
-
-
-def _as_shown(
-    ground: Ground, window: Window, lazy: LazyElevation | None, answer: Plan, start: Position
-) -> tuple[Ground, Plan]:
-    """Return ground and answer as outputs show them."""
-    shown = ground
-    if lazy is not None:
-        if lazy.tiles_read == 0:  # a point lies outside: the map is shown where it comes nearest
-            lazy.read_at(nearest_cell(ground.source, start))
-        shown, answer = as_read(ground, window, lazy, answer)
-    return shown, _with_nests(answer, shown)
-
-
-def _with_nests(answer: Plan, ground: Ground) -> Plan:
-    """Return the answer with the nests of all that was read, when it was refused before any were looked for."""
-    if answer.nests is not None:
-        return answer
-    ranks = _ranks(ground)
-    return replace(answer, nests=nesting.exact_nests(ranks, rank_min=ground.region.params.rank_min))
-
-
-def _needs_more_map(answer: Plan, ground: Ground, settings: Settings) -> bool:
-    if ground.is_whole:
-        return False
-    if answer.stopped is not None and answer.stopped.by.startswith("max_"):
-        return False
-    return answer.status == "no_route" or (answer.route is not None and settings.certify and not answer.optimal)
-
-
-def _ranks(ground: Ground) -> NDArray[np.uint8]:
-    """Return the rank of every cell, 0 where too little was read to tell."""
-    ranks = rank.rank_map(ground.region).rank
-    return ranks if ground.trusted is None else np.where(ground.trusted, ranks, np.uint8(0))
 
 
 def _animate(
@@ -270,117 +190,3 @@ def _animate(
     with watch.step("animate"):
         names = ", ".join(ground.source.names)
         animation.animate_plan(folder, ground.region, settings.swarm_params(), answer, ends, source=names)
-
-
-def _unread(lazy: LazyElevation | None, answer: Plan, summary: dict[str, Any], out: Path) -> UnreadableFileError | None:
-    """Return the error of a plan that could not read what it needed, its words put into the summary, or None."""
-    if lazy is None or answer.status != "unread":
-        return None
-    why = "" if lazy.failure is None else lazy.failure.message
-    remedy = "" if lazy.failure is None else lazy.failure.remedy
-    place = ""
-    if lazy.failed_window is not None:
-        row, column, rows, columns = lazy.failed_window
-        place = f" The tile of rows {row} to {row + rows - 1}, columns {column} to {column + columns - 1} was tried"
-        place += f" {TRIES} times."
-    error = UnreadableFileError(
-        f"{why}{place} Until then {summary['cells_evaluated']:,} cells were evaluated and {summary['tiles_read']:,} of "
-        f"{summary['tiles_total']:,} tiles read.",
-        f"{remedy} The nests found so far are in {out}.",
-    )
-    summary |= {"status": "error", "kind": error.kind, "reason": error.message, "remedy": error.remedy}
-    return error
-
-
-def _write_unread(
-    folder: Path, out: Path, ground: Ground, answer: Plan, summary: dict[str, Any], *, watch: Stopwatch
-) -> None:
-    """Write what is known when the ground could not be read: the nests, and the summary."""
-    region = ground.region
-    origin = {key: summary[key] for key in ("version", "seed", "inputs")}
-    if answer.nests is not None:
-        with watch.step("write_maps"):
-            outlines = nesting.outlines(answer.nests, region.geometry)
-            gaps = nesting.nest_graph(answer.nests, region.geometry)
-            area_m2 = region.geometry.cell_size_m**2
-            collection = nest_collection(answer.nests, outlines, gaps, area_m2, frame=ground.frame, origin=origin)
-            write_text(folder / "nests.geojson", to_json(collection))
-    _write_summary(folder, out, summary, watch, ())
-
-
-def _write_summary(folder: Path, out: Path, summary: dict[str, Any], watch: Stopwatch, later: tuple[str, ...]) -> None:
-    """Write the summary, which names every file of the folder and those that come ``later``."""
-    names = sorted({entry.name for entry in folder.iterdir()} | {SUMMARY, *later})
-    summary["outputs"] = {_output_key(name): name for name in names}
-    summary["timings_s"] = {name: round(seconds, 4) for name, seconds in watch.seconds.items()}
-    write_text(folder / SUMMARY, to_json(summary))
-    # Callers get paths that they can open; the file holds names, so that the folder can be moved.
-    summary["outputs"] = {name: str(out / path) for name, path in summary["outputs"].items()}
-
-
-def _write(
-    folder: Path,
-    out: Path,
-    ground: Ground,
-    found: Plan | nesting.Nests,
-    summary: dict[str, Any],
-    *,
-    watch: Stopwatch,
-    on_progress: OnProgress | None,
-) -> None:
-    """Write every file of a run into its staging folder, the summary last."""
-    answer = found if isinstance(found, planner.Plan) else None
-    nests = found if isinstance(found, nesting.Nests) else found.nests
-    frame, region = ground.frame, ground.region
-    origin = {key: summary[key] for key in ("version", "seed", "inputs")}
-    tags = {
-        "swathe_version": str(summary["version"]),
-        "swathe_seed": str(summary["seed"]),
-        "swathe_inputs": "; ".join(f"{given['name']} {given['sha256']}" for given in summary["inputs"]),
-    }
-    _tell(on_progress, "writing", 0, 5)
-    if answer is not None:
-        with watch.step("write_route"):
-            write_text(folder / "route.geojson", to_json(route_collection(answer.route, frame, origin)))
-            if answer.drivable is not None:
-                write_text(folder / "drivable.geojson", to_json(drivable_collection(answer.drivable, frame, origin)))
-    _tell(on_progress, "writing", 1, 5)
-    with watch.step("write_maps"):
-        outlines: list[nesting.Outline] = []
-        if nests is not None:
-            outlines = nesting.outlines(nests, region.geometry)
-            gaps = nesting.nest_graph(nests, region.geometry)
-            area_m2 = region.geometry.cell_size_m**2
-            collection = nest_collection(nests, outlines, gaps, area_m2, frame=frame, origin=origin)
-            write_text(folder / "nests.geojson", to_json(collection))
-        ranks = _ranks(ground)
-        write_raster(
-            folder / "rank.tif",
-            ranks,
-            frame,
-            nodata=0,
-            colours=rank_colour_table(),
-            tags=tags,
-            description="rank: 0 unknown, 1 no-go, 2 worst to 10 best",
-        )
-        _tell(on_progress, "writing", 2, 5)
-        from swathe.report import run_pictures
-
-        run_pictures.draw(folder, region, frame, ranks, outlines, plan=answer, summary=summary, metadata=tags)
-    _tell(on_progress, "writing", 4, 5)
-    _write_summary(folder, out, summary, watch, ("report.html",))
-    from swathe.report.html import write_html
-
-    write_html(folder)
-    _tell(on_progress, "writing", 5, 5)
-
-
-def _output_key(name: str) -> str:
-    """Return the name of an output: that of its file without the ending, but for the two animations."""
-    return {"animation.gif": "animation_gif", "animation.html": "animation_html"}.get(name, name.partition(".")[0])
-
-
-def _tell(on_progress: OnProgress | None, stage: str, done: int, total: int) -> None:
-    # Only False stops: a callback that returns nothing means "go on".
-    if on_progress is not None and on_progress(stage, done, total) is False:
-        raise InterruptedBySignalError("Writing was stopped.", "Nothing was written.")

@@ -13,8 +13,8 @@ from swathe.export import place
 
 if TYPE_CHECKING:
     from swathe.config import Settings
-    from swathe.grid import Position
     from swathe.planner import Plan
+    from swathe.planning import Found
     from swathe.preparation import Ground
 
 
@@ -38,12 +38,13 @@ def shared_summary(command: str, ground: Ground, settings: Settings) -> dict[str
         "cell_size_m": geometry.cell_size_m,
         "rows": geometry.rows,
         "columns": geometry.columns,
-        "inputs": _inputs(ground),
+        "inputs": inputs_of(ground),
         "notes": list(ground.notes),
     }
 
 
-def _inputs(ground: Ground) -> list[dict[str, str]]:
+def inputs_of(ground: Ground) -> list[dict[str, str]]:
+    """Return name and SHA-256 of every input."""
     inputs = [{"name": name, "sha256": digest} for name, digest in ground.source.fingerprint().items()]
     if ground.soil_source is not None:
         inputs.append({"name": ground.soil_source.name, "sha256": ground.soil_source.fingerprint()})
@@ -168,20 +169,11 @@ def _drivable_summary(answer: Plan) -> dict[str, Any] | None:
 
 
 def plan_summary(
-    ground: Ground,
-    answer: Plan,
-    settings: Settings,
-    asked: tuple[tuple[float, float], tuple[float, float]],
-    ends: list[Position],
-    *,
-    tiles: tuple[int, int],
-    is_lazy: bool,
+    found: Found, settings: Settings, asked: tuple[tuple[float, float], tuple[float, float]]
 ) -> dict[str, Any]:
-    """Return the summary of a plan.
-
-    ``asked`` are the ends as given, ``ends`` the same in the frame, ``tiles`` how many tiles of the map were read and
-    how many there are, ``is_lazy`` whether they were read when they were needed.
-    """
+    """Return the summary of a plan; ``asked`` are the ends as given."""
+    ground, answer, ends, tiles = found.planned, found.answer, found.ends, found.tiles
+    is_lazy = found.lazy is not None
     route = answer.route
     corridor = answer.corridor
     notes = list(ground.notes)

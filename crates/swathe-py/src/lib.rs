@@ -16,6 +16,7 @@ mod grids;
 mod nest;
 mod planner;
 mod progress;
+mod random;
 mod rank;
 mod region;
 mod repair;
@@ -46,6 +47,8 @@ mod _core {
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]
     use crate::planner::{any_angle_path, cost_field, eikonal_field, lazy_astar, plan, shortest_path};
+    #[pymodule_export]
+    use crate::random::uniform;
     #[pymodule_export]
     use crate::rank::{ahp, height_goodness, rank_cell, rank_map, reasons};
     #[pymodule_export]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from swathe.cli import drives  # noqa: F401 - adds its commands
 from swathe.cli.options import (
     Agents,
     Arc,
@@ -54,16 +55,7 @@ from swathe.cli.options import (
     settings_of,
     terrain_request,
 )
-
-app = typer.Typer(
-    name="swathe",
-    help="Plan routes for ground vehicles where there is no road.\n\n"
-    "Start with `swathe demo`. Every command has examples under `--help`.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
+from swathe.cli.root import app as app  # noqa: PLC0414 - what this module is imported for
 
 
 @app.callback(invoke_without_command=True)

@@ -12,6 +12,8 @@ from swathe.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from swathe.driving import Live
+
 _STAGES = {
     "reading elevation": "Reading elevation",
     "reading again": "No answer, reading again",
@@ -20,6 +22,7 @@ _STAGES = {
     "route": "Searching the route",
     "writing": "Writing maps and report",
     "figures": "Drawing figures",
+    "trials": "Driving",
 }
 
 
@@ -68,6 +71,43 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, int, int], bool] | None]
             return True
 
         yield report
+
+
+@contextmanager
+def driving(*, quiet: bool) -> Iterator[Callable[[Live], None] | None]:
+    """Give a function that shows on stderr how a drive stands, when that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.live import Live as Display
+    from rich.text import Text
+
+    from swathe.report import wording
+
+    with Display(console=Console(stderr=True), transient=True, refresh_per_second=8) as display:
+
+        def show_live(live: Live) -> None:
+            display.update(
+                Text(
+                    f"{wording.duration(live.time_s):>12}  at {live.x_m:.1f}, {live.y_m:.1f} m  "
+                    f"{live.speed_mps:4.1f} m/s  {wording.length(live.goal_distance_m)} to go  "
+                    f"{live.replans} replans  {live.probes} probes  {live.status}"
+                )
+            )
+
+        yield show_live
+
+
+def scenarios(*, as_json: bool) -> None:
+    """Print the list of bundled scenarios."""
+    from swathe.scenario import load_scenario, scenario_names
+
+    found = {name: load_scenario(name) for name in scenario_names()}
+    lines = [f"{name:14}{scenario.vehicle:16}{scenario.title}" for name, scenario in found.items()]
+    lines.append("Drive one: swathe drive --scenario NAME. A TOML file of your own works the same way.")
+    listed = [{"name": name, "title": one.title, "vehicle": one.vehicle} for name, one in found.items()]
+    line({"status": "done", "scenarios": listed}, "\n".join(lines), as_json=as_json)
 
 
 class PrintError(Exception):
@@ -132,6 +172,8 @@ def in_words(summary: dict[str, Any]) -> list[str]:
         if corridor and corridor["sagitta_m"] is not None:
             sagitta, width = wording.length(corridor["sagitta_m"]), wording.length(corridor["width_m"])
             lines.append(f"  arc with a sagitta of {sagitta}, swathe {width} wide")
+    if summary["command"] == "drive":
+        lines += drive_lines(summary)
     if summary["command"] == "nests":
         share = summary["nest_cells"] / summary["cells_total"]
         lines.append(f"  {summary['nest_count']:,} nests cover {wording.percent(share)} of the map")
@@ -144,6 +186,28 @@ def in_words(summary: dict[str, Any]) -> list[str]:
             lines.append(f"  soil labels not understood: {', '.join(lost[:8])} (explain them with --soil-legend)")
     lines += [f"  note: {note}" for note in summary["notes"]]
     lines.append(f"  report: {summary['outputs']['report']}")
+    return lines
+
+
+def drive_lines(summary: dict[str, Any]) -> list[str]:
+    """Return how a drive went, as lines for people."""
+    from swathe.report import wording
+
+    lines = [] if summary["status"] == "reached" and summary["distance_m"] else [f"  {summary['reason']}"]
+    plan = summary["plan"]
+    if plan is not None and plan["length_m"]:
+        lines.append(
+            f"  {wording.length(summary['distance_m'])} driven in {wording.duration(summary['duration_s'])}; planned "
+            f"were {wording.length(plan['length_m'])} in {wording.duration(plan['duration_s'])}"
+        )
+    if summary["duration_s"]:
+        clearance = summary["min_clearance_m"]
+        near = "nothing was near" if clearance is None else f"nearest thing {clearance:.2f} m"
+        lines.append(
+            f"  {near}, {summary['collisions']} collisions, {summary['replans']} replans, {summary['probes']} probes, "
+            f"{summary['soil_updates']} news of the soil, {summary['no_go_entries']} times on no-go ground"
+        )
+        lines.append(f"  simulated {summary['real_time_factor']:g} times faster than the clock")
     return lines
 
 

@@ -10,13 +10,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swathe.errors import OutputError
+from swathe.errors import MissingFileError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SUMMARY = "summary.json"
-RUN_LOG = "run.mcap"
 
 #: The pictures of ``swathe figures`` in the order in which a reader meets them.
 FIGURES = (
@@ -32,6 +31,9 @@ FIGURES = (
     "global-path.png",
 )
 
+#: The log of a drive: it alone grows in place, and is readable up to where it was cut.
+RUN_LOG = "run.mcap"
+
 #: The pictures of a drive in the order in which a reader meets them.
 DRIVE_PICTURES = ("drive-map.png", "drive.gif", "drive-frames.png", "drive-profile.png")
 
@@ -39,6 +41,7 @@ DRIVE_PICTURES = ("drive-map.png", "drive.gif", "drive-frames.png", "drive-profi
 OUR_FILES = frozenset(
     {
         SUMMARY,
+        RUN_LOG,
         "route.geojson",
         "nests.geojson",
         "rank.tif",
@@ -47,7 +50,6 @@ OUR_FILES = frozenset(
         "report.html",
         "animation.gif",
         "animation.html",
-        RUN_LOG,
         *DRIVE_PICTURES,
         "index.html",
         *FIGURES,
@@ -57,12 +59,37 @@ OUR_FILES = frozenset(
 _STAGING = ".swathe-part-"
 
 
+def begin_log(out: Path) -> Path:
+    """Make room for the log of a drive in ``out``, whose old summary no longer holds then, and return its path.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    try:
+        (out / SUMMARY).unlink(missing_ok=True)
+    except OSError as error:
+        raise _refusal(out, error) from error
+    return out / RUN_LOG
+
+
+def log_of(run: Path) -> Path:
+    """Return the log of a drive, given its folder or the log itself.
+
+    Raises:
+        MissingFileError: there is none.
+    """
+    log = run / RUN_LOG if run.is_dir() else run
+    if not log.is_file():
+        raise MissingFileError(f"There is no log {log}.", f"Give a drive's folder or its {RUN_LOG}.")
+    return log
+
+
 @contextmanager
-def run_folder(out: Path) -> Iterator[Path]:
+def run_folder(out: Path, *, logs: bool = False) -> Iterator[Path]:
     """Give a new folder for a run's files; when the block ends well they replace those of ``out``.
 
     An error or Ctrl-C leaves ``out`` as it was. The old summary goes first and the new one comes last, so that a folder
-    with a summary is always complete.
+    with a summary is always complete. A run that ``logs`` keeps the log that it writes into ``out`` itself.
 
     Raises:
         OutputError: ``out`` is not ours (holds files that no run makes), may not be written, or is full.
@@ -71,7 +98,7 @@ def run_folder(out: Path) -> Iterator[Path]:
     made = _make(staging, out)
     try:
         yield staging
-        _swap(staging, out)
+        _swap(staging, out, OUR_FILES - {RUN_LOG} if logs else OUR_FILES)
         made = []
     except OutputError as error:
         raise OutputError(error.message.replace(str(staging), str(out)), error.remedy) from error
@@ -122,8 +149,8 @@ def require_ours(out: Path) -> None:
         raise OutputError(
             f"The folder {out} holds a {SUMMARY} that is not ours.", "Choose another folder with `--out`."
         )
-    # Without a summary only a run that was killed explains such files.
-    if present and SUMMARY not in present and not any(name.startswith(_STAGING) for name in present):
+    # Without a summary only a run that was killed explains such files: one that left its staging folder or its log.
+    if present and SUMMARY not in present and not any(name.startswith((_STAGING, RUN_LOG)) for name in present):
         raise OutputError(
             f"The folder {out} holds {present[0]} but no {SUMMARY} of a run.",
             "Choose an empty folder, or one of an earlier run, with `--out`.",
@@ -150,13 +177,13 @@ def require_ours_or_runs(out: Path, names: tuple[str, ...]) -> None:
         )
 
 
-def _swap(staging: Path, out: Path) -> None:
-    """Put the files of ``staging`` in the place of those in ``out``, or leave these as they are."""
+def _swap(staging: Path, out: Path, replaced: frozenset[str]) -> None:
+    """Put the files of ``staging`` in the place of those ``replaced`` in ``out``, or leave these as they are."""
     new = sorted((entry.name for entry in staging.iterdir()), key=lambda name: (name == SUMMARY, name))
     former = staging / "former"
     former.mkdir()
     try:
-        for name in sorted(OUR_FILES, key=lambda name: (name != SUMMARY, name)):
+        for name in sorted(replaced, key=lambda name: (name != SUMMARY, name)):
             if (out / name).exists():
                 (out / name).replace(former / name)
         for name in new:

@@ -3,10 +3,12 @@
 The elevation is the USGS model of the Jacksboro fault that the matplotlib wheel carries (344 x 403 cells of 3
 arc-seconds). The file gives its north and south edges with their names swapped; row 0 is the north edge. Nobody has
 mapped the soil of it for us: the soil is generated from the elevation by the rule in ``generate_soil`` and says so.
+Two more maps (``generated``) are made by rule altogether.
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 from functools import cache
 from pathlib import Path
@@ -17,6 +19,8 @@ from affine import Affine
 
 from swathe.errors import MissingFileError
 from swathe.io.crs import WGS84, crs_from_wkt
+from swathe.io.generated import GENERATED, generated_elevation, generated_soil
+from swathe.io.noise import smooth_noise
 from swathe.io.sources import BUNDLED_PREFIX, Source
 from swathe.soil import SoilClass
 
@@ -40,14 +44,34 @@ NOISE_GRADE = 0.08  # how far it moves the limits of grade
 TIDY_PASSES = 2
 
 
-def bundled_path(source: Source) -> Path:
-    """Return the file behind a ``bundled:`` name. Raises MissingFileError when there is none."""
-    name = source.path.removeprefix(BUNDLED_PREFIX)
-    if name not in BUNDLED:
+def bundled_name(source: str) -> str:
+    """Return the name behind ``bundled:``. Raises MissingFileError when there is no such terrain."""
+    name = source.removeprefix(BUNDLED_PREFIX)
+    if name not in BUNDLED and name not in GENERATED:
         raise MissingFileError(
             f"There is no bundled terrain called {name!r}.",
-            f"Use {', '.join(BUNDLED_PREFIX + known for known in BUNDLED)}.",
+            f"Use {', '.join(BUNDLED_PREFIX + known for known in (*BUNDLED, *GENERATED))}.",
         )
+    return name
+
+
+def bundled_fingerprint(source: Source) -> str:
+    """Return the SHA-256 of the file behind a bundled name, or of the heights where there is none."""
+    name = bundled_name(source.path)
+    if name in GENERATED:
+        return hashlib.sha256(generated_elevation(name).tobytes()).hexdigest()
+    return Source(source.name, str(_stored(source))).fingerprint()
+
+
+def default_cell_size_m(source: Source) -> float:
+    """Return the size of the cells when nobody asks for another."""
+    name = bundled_name(source.path)
+    return GENERATED[name].cell_size_m if name in GENERATED else DEFAULT_CELL_SIZE_M
+
+
+def _stored(source: Source) -> Path:
+    """Return the file behind a bundled name. Raises MissingFileError when it is not installed."""
+    name = bundled_name(source.path)
     # Looked up, not imported: matplotlib takes half a second that reading a file does not need.
     spec = importlib.util.find_spec("matplotlib")
     if spec is None or spec.origin is None:
@@ -65,11 +89,11 @@ class ArrayTile:
 
     is_picture = False
 
-    def __init__(self, source: Source, heights_m: NDArray[np.float32], transform: Affine, crs_wkt: str) -> None:
+    def __init__(self, source: Source, heights_m: NDArray[np.float32], transform: Affine, crs_wkt: str | None) -> None:
         self.source = source
         self.rows, self.columns = heights_m.shape
         self.transform = transform
-        self.crs_wkt: str | None = crs_wkt
+        self.crs_wkt = crs_wkt
         self._heights_m = heights_m
 
     def read(self, row: int, column: int, rows: int, columns: int) -> NDArray[np.float32]:
@@ -78,8 +102,14 @@ class ArrayTile:
 
 
 def bundled_elevation(source: Source) -> ArrayTile:
-    """Return the elevation of a bundled terrain, in degrees (WGS 84). Raises MissingFileError."""
-    with np.load(bundled_path(source)) as stored:
+    """Return the elevation of a bundled terrain, in degrees (WGS 84) or in a frame of its own.
+
+    Raises MissingFileError when there is none of that name.
+    """
+    name = bundled_name(source.path)
+    if name in GENERATED:
+        return ArrayTile(source, generated_elevation(name), _own_transform(name), None)
+    with np.load(_stored(source)) as stored:
         heights_m = stored["elevation"].astype(np.float32)
         west = float(stored["xmin"])
         north = max(float(stored["ymin"]), float(stored["ymax"]))
@@ -100,7 +130,7 @@ def generate_soil(elevation_m: NDArray[np.float32], cell_size_m: float) -> NDArr
     convexity_m = height_m - _box_mean(elevation_m.astype(np.float64), known, _cells(CONVEXITY_RADIUS_M, cell_size_m))
     north, east = np.gradient(np.where(np.isnan(height_m), 0.0, height_m), cell_size_m)
     grade = np.hypot(north, east)
-    noise = np.mean([_noise(elevation_m.shape, length / cell_size_m) for length in NOISE_WAVELENGTHS_M], axis=0)
+    noise = np.mean([smooth_noise(elevation_m.shape, length / cell_size_m) for length in NOISE_WAVELENGTHS_M], axis=0)
     low_m = position_m + NOISE_POSITION_M * noise
     steep = grade + NOISE_GRADE * noise
 
@@ -116,19 +146,27 @@ def generate_soil(elevation_m: NDArray[np.float32], cell_size_m: float) -> NDArr
 
 
 @cache
-def bundled_soil(name: str) -> tuple[NDArray[np.uint8], Affine, str]:
-    """Return generated soil codes of a bundled terrain, where their cells lie, and in which system (WKT).
+def bundled_soil(source: str) -> tuple[NDArray[np.uint8], Affine, str | None]:
+    """Return generated soil codes of a bundled terrain, where their cells lie, and in which system (WKT), if any.
 
     It is made once on the terrain's default lattice, so that soil does not depend on the window or cell size asked for.
     """
     from swathe.io.elevation import open_elevation
 
-    with open_elevation([name]) as source:
-        geometry = source.frame.geometry
-        soil = generate_soil(source.read(), geometry.cell_size_m)
+    name = bundled_name(source)
+    if name in GENERATED:
+        return generated_soil(name), _own_transform(name), None
+    with open_elevation([source]) as elevation:
+        geometry = elevation.frame.geometry
+        soil = generate_soil(elevation.read(), geometry.cell_size_m)
     transform = Affine(geometry.cell_size_m, 0, geometry.west_m, 0, -geometry.cell_size_m, geometry.north_m)
     soil.setflags(write=False)
-    return soil, transform, str(source.frame.crs_wkt)
+    return soil, transform, str(elevation.frame.crs_wkt)
+
+
+def _own_transform(name: str) -> Affine:
+    recipe = GENERATED[name]
+    return Affine(recipe.cell_size_m, 0, 0, 0, -recipe.cell_size_m, recipe.cells * recipe.cell_size_m)
 
 
 def _cells(length_m: float, cell_size_m: float) -> int:
@@ -154,30 +192,6 @@ def _box_sum(values: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
         high = np.take(summed, range(span, length), axis=axis)
         values = high - np.take(summed, range(length - span), axis=axis)
     return values
-
-
-def _noise(shape: tuple[int, int], wavelength_cells: float) -> NDArray[np.float64]:
-    """Return smooth noise in -1..1: hashed values on a coarse lattice, blended between its corners."""
-    row, column = (np.arange(size) / wavelength_cells for size in shape)
-    top, left = np.floor(row).astype(np.uint64), np.floor(column).astype(np.uint64)
-    down, right = ((fraction - np.floor(fraction)) for fraction in (row, column))
-    down, right = (part * part * (3 - 2 * part) for part in (down, right))
-    one = np.uint64(1)
-    corners = [[_hashed(top + r, left + c) for c in (np.uint64(0), one)] for r in (np.uint64(0), one)]
-    upper = corners[0][0] * (1 - right) + corners[0][1] * right
-    lower = corners[1][0] * (1 - right) + corners[1][1] * right
-    noise: NDArray[np.float64] = upper * (1 - down[:, None]) + lower * down[:, None]
-    return noise
-
-
-def _hashed(rows: NDArray[np.uint64], columns: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """Return a value in -1..1 for every pair of a row and a column (the finaliser of SplitMix64)."""
-    state = rows[:, None] * np.uint64(0x9E3779B97F4A7C15) + columns[None, :] * np.uint64(0xD1B54A32D192ED03)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    state ^= state >> np.uint64(31)
-    value: NDArray[np.float64] = (state >> np.uint64(11)).astype(np.float64) / float(1 << 52) - 1.0
-    return value
 
 
 def _majority(soil: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -94,7 +94,7 @@ class ElevationSource:
 
     def fingerprint(self) -> dict[str, str]:
         """Return the SHA-256 of the bytes of every input by name; ``remote`` for what lies on a server."""
-        return {source.name: _stored(source).fingerprint() for source in self._sources}
+        return {source.name: _fingerprint(source) for source in self._sources}
 
     def read(
         self, window: Window | None = None, on_progress: Callable[[int, int], bool] | None = None
@@ -152,7 +152,7 @@ def open_elevation(
 ) -> ElevationSource:
     """Open elevations.
 
-    ``sources``: paths, folders, glob patterns, http(s) addresses or ``bundled:jacksboro``; several are put together.
+    ``sources``: paths, folders, glob patterns, http(s) addresses or ``bundled:NAME``; several are put together.
     ``cell_size_m``: the cell of the result; for a raster without a place in the world, the size of its own cells.
     ``crs``: the projection of the result, in metres; for a raster that does not say its system, that system.
     ``height_range_m``: the heights of black and white when the source is a grey picture.
@@ -189,10 +189,11 @@ def _open(
     default_cell_size_m = None
     for source in inputs:
         if source.path.startswith(BUNDLED_PREFIX):
-            from swathe.io.bundled import DEFAULT_CELL_SIZE_M, bundled_elevation
+            from swathe.io.bundled import bundled_elevation
+            from swathe.io.bundled import default_cell_size_m as size_of
 
             tiles.append(bundled_elevation(source))
-            default_cell_size_m = DEFAULT_CELL_SIZE_M
+            default_cell_size_m = size_of(source)
         else:
             tiles.append(_raster_tile(source, pool, crs, height_range_m))
     _require_one_kind([tile for tile in tiles if isinstance(tile, RasterTile)])
@@ -204,7 +205,7 @@ def _open(
         )
     grey = height_range_m is not None
     if without:
-        mosaic, target = _local_target(tiles, cell_size_m)
+        mosaic, target = _local_target(tiles, cell_size_m or default_cell_size_m)
         return ElevationSource(inputs, [mosaic], target, pool, grey=grey)
     mosaics = group_into_mosaics(tiles)
     # A system given for files without one has been used up unless it is a projection.
@@ -284,13 +285,12 @@ def _local_target(tiles: Sequence[Tile], cell_size_m: float | None) -> tuple[Mos
     return mosaic, Target(frame, warped=False, native_cell_size_m=cell_size_m)
 
 
-def _stored(source: Source) -> Source:
-    """Return the source with the file behind a bundled name."""
+def _fingerprint(source: Source) -> str:
     if not source.path.startswith(BUNDLED_PREFIX):
-        return source
-    from swathe.io.bundled import bundled_path
+        return source.fingerprint()
+    from swathe.io.bundled import bundled_fingerprint
 
-    return Source(source.name, str(bundled_path(source)))
+    return bundled_fingerprint(source)
 
 
 def _require_inside(window: Window, geometry: GridGeometry) -> None:

@@ -111,14 +111,14 @@ def layer_of_values(
 
 
 def _bundled(source: str, frame: Frame) -> SoilLayer:
-    from swathe.io.bundled import bundled_path, bundled_soil
+    from swathe.io.bundled import bundled_name, bundled_soil
     from swathe.io.soil_legend import Meaning
     from swathe.io.soil_raster import nearest
 
-    bundled_path(Source(source, source))  # for its refusal
-    if frame.crs_wkt is None or not frame.is_earth:
-        raise NoOverlapError(f"{source} has no place in a {frame.name}.", "Use it with its own elevation.")
+    bundled_name(source)  # for its refusal
     soil, transform, crs_wkt = bundled_soil(source)
+    if (crs_wkt is None) != (frame.crs_wkt is None) or not (crs_wkt is None or frame.is_earth):
+        raise NoOverlapError(f"{source} has no place in a {frame.name}.", "Use it with its own elevation.")
     codes = nearest(soil, transform, crs_wkt, frame, int(SoilClass.UNKNOWN))
     present = [SoilClass(code) for code in np.unique(codes) if code != SoilClass.UNKNOWN]
     numbers = np.full(len(SoilClass), -1, dtype=np.int32)

@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from swathe.report.drive import Drive
 
 
-def draw(folder: Path, drive: Drive, metadata: Mapping[str, str] | None = None) -> None:
+def draw(folder: Path, drive: Drive, metadata: Mapping[str, str] | None = None, *, animate: bool = True) -> None:
     """Draw ``drive-map.png``, ``drive-frames.png``, ``drive-profile.png`` and ``drive.gif``; equal drives, equal bytes.
+
+    Without ``animate`` there is no animation.
 
     Raises:
         OutputError: the folder does not exist or may not be written.
@@ -26,4 +28,5 @@ def draw(folder: Path, drive: Drive, metadata: Mapping[str, str] | None = None) 
     draw_drive_map(folder / "drive-map.png", drive, named)
     draw_frames(folder / "drive-frames.png", drive, named)
     draw_profile(folder / "drive-profile.png", drive, named)
-    write_drive_gif(folder / "drive.gif", drive)
+    if animate:
+        write_drive_gif(folder / "drive.gif", drive)

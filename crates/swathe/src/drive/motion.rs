@@ -6,6 +6,7 @@ use crate::sensor::{Pose, Scan, wrap};
 
 use super::event::Event;
 use super::navigator::Navigator;
+use super::params::REST_MPS;
 use super::region::RegionState;
 use super::safety::Sight;
 use super::steer::Situation;
@@ -15,9 +16,6 @@ const IN_PLACE_RAD: f64 = 0.9;
 
 /// Turn rate by radian off the wanted direction.
 const TURN_GAIN: f64 = 2.0;
-
-/// Speeds below this are rest.
-const REST_MPS: f64 = 0.03;
 
 /// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
 const CAREFUL_SHARE: f64 = 0.25;
@@ -172,12 +170,11 @@ impl Navigator {
         shape.speed_for(free_m - buffer_m, braking_mps2, now.age_s + now.step_s.min(0.5))
     }
 
-    /// Braking on the slope that the robot stands on.
+    /// Braking on the slope that the robot stands on: the brakes hold what pulls downhill, as far as the ground does.
     fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
         let uphill = if forward { pose.pitch_rad } else { -pose.pitch_rad };
         let grip = self.shape.braking_friction * uphill.cos() + uphill.sin();
-        let lost_mps2 = crate::vehicle::GRAVITY_MPS2 * (-uphill.sin()).max(0.0);
-        (self.shape.braking_mps2 - lost_mps2).min(crate::vehicle::GRAVITY_MPS2 * grip)
+        self.shape.braking_mps2.min(crate::vehicle::GRAVITY_MPS2 * grip)
     }
 
     /// Share of the greatest speed that the ground allows.

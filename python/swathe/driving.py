@@ -1,0 +1,264 @@
+"""The use cases of a drive: drive a scenario and leave its folder; tell, repeat or verify a drive from its log."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from swathe.drive_outputs import drive_summary, write_drive
+from swathe.episode import STATUSES
+from swathe.errors import InputError, UnreadableFileError
+from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, run_folder
+from swathe.news import FedNews, LoggedNews, NewsDesk
+from swathe.preparation import Stopwatch
+from swathe.report import wording
+from swathe.runlog import LogHeader, RunLog, RunLogWriter, verify
+from swathe.scenario import Scenario, scenario_from_toml, scenario_of
+from swathe.soil_feed import SoilFeed
+from swathe.staging import stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from swathe.episode import Outcome, Second
+    from swathe.news import NewsSource
+    from swathe.staging import Stage
+
+    OnProgress = Callable[[str, int, int], bool]
+    OnSecond = Callable[["Live"], None]
+
+#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
+#: off by 2 % and corrected once a second to 0.3 m.
+NOISE = {
+    "beam_dropout": 0.1,
+    "scan_delay_s": 0.1,
+    "scale_error": 0.02,
+    "distance_noise_m": 0.02,
+    "heading_noise_rad": 0.005,
+    "fix_rate_hz": 1.0,
+    "fix_noise_m": 0.3,
+    "fix_heading_noise_rad": 0.02,
+}
+
+
+class Live(NamedTuple):
+    """How a drive stands: simulated time, place as the robot believes, speed, metres to go, and what it has met."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+    speed_mps: float
+    goal_distance_m: float
+    replans: int
+    probes: int
+    status: str
+
+
+def drive(
+    scenario: Scenario,
+    out: Path,
+    *,
+    body: str = "sim",
+    soil_feed: Path | None = None,
+    animate: bool = True,
+    on_second: OnSecond | None = None,
+    on_progress: OnProgress | None = None,
+) -> dict[str, Any]:
+    """Plan a scenario's route, drive it, write the folder and return the summary.
+
+    ``soil_feed`` is a file of JSON lines that may grow while the drive goes on. ``on_second`` is told every simulated
+    second how the drive stands.
+
+    Raises:
+        SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped; what was driven until
+            then is in the log.
+    """
+    watch = Stopwatch()
+    news = None if soil_feed is None else FedNews(SoilFeed(soil_feed))
+    with run_folder(out, logs=True) as folder:
+        made = stage(scenario, watch=watch, on_progress=on_progress)
+        return _drive_into(
+            folder, made, out, body, news, animate=animate, watch=watch, on_second=on_second, on_progress=on_progress
+        )
+
+
+def _drive_into(
+    folder: Path,
+    made: Stage,
+    out: Path,
+    body: str,
+    news: NewsSource | None,
+    *,
+    animate: bool,
+    watch: Stopwatch,
+    on_second: OnSecond | None = None,
+    on_progress: OnProgress | None = None,
+) -> dict[str, Any]:
+    log = outcome = None
+    if made.world is None:
+        (out / RUN_LOG).unlink(missing_ok=True)
+    else:
+        log = begin_log(out)
+        with watch.step("drive"):
+            outcome = record(made, log, body=body, news=news, on_second=on_second)
+    summary = drive_summary(made, outcome, body=body, seconds=watch.seconds.get("drive", 0.0))
+    write_drive(folder, out, made, summary, log, animate=animate, watch=watch, on_progress=on_progress)
+    return summary
+
+
+def record(
+    made: Stage, log: Path, *, body: str, news: NewsSource | None = None, on_second: OnSecond | None = None
+) -> Outcome:
+    """Drive to the end, write every second into the log, and return how it went."""
+    episode, navigator = made.episode()
+    desk = NewsDesk(made, navigator, news)
+    counts: Counter[str] = Counter()
+    with RunLogWriter(log, _header(made, body)) as writer:
+        time_s = 0.0
+        while (outcome := episode.outcome) is None:
+            told = desk.tell(time_s)
+            second = episode.advance(1.0)
+            second = replace(second, events=[*told, *second.events])
+            time_s = second.end_s
+            writer.write(second)
+            counts.update(event.kind for event in second.events)
+            if on_second is not None:
+                on_second(_live(made, second, counts))
+        writer.close(outcome)
+    return outcome
+
+
+def _live(made: Stage, second: Second, counts: Counter[str]) -> Live:
+    odometry = second.odometry
+    x_m, y_m = float(odometry.x_m[-1]), float(odometry.y_m[-1])
+    return Live(
+        second.end_s,
+        x_m,
+        y_m,
+        float(odometry.speed_mps[-1]),
+        math.hypot(made.goal.x_m - x_m, made.goal.y_m - y_m),
+        counts["route"],
+        counts["probe"],
+        STATUSES[int(second.commands.status[-1])],
+    )
+
+
+def _header(made: Stage, body: str) -> LogHeader:
+    return LogHeader(
+        seed=made.scenario.seed,
+        scenario=made.scenario.to_toml(),
+        vehicle=made.vehicle.name,
+        vehicle_toml=made.vehicle_toml,
+        body=body,
+        inputs=made.inputs,
+    )
+
+
+def scenario_of_plan(folder: Path) -> Scenario:
+    """Return the drive of a plan's route, from the plan's folder.
+
+    Raises:
+        InputError: it is not the folder of a plan.
+    """
+    remedy = "Give the folder that `swathe plan` has written."
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{folder} holds no {SUMMARY} that can be read: {error.strerror}.", remedy) from error
+    except ValueError as error:
+        raise UnreadableFileError(f"The {SUMMARY} of {folder} is broken.", remedy) from error
+    request = summary.get("request") if isinstance(summary, dict) else None
+    if not isinstance(summary, dict) or summary.get("command") != "plan":
+        raise InputError(f"{folder} is not the folder of a plan.", remedy)
+    if not isinstance(request, dict):
+        raise InputError(
+            f"The plan in {folder} was ended by a clock (`--max-seconds`): its route cannot be found again.",
+            "Plan with `--max-ticks` or `--max-evaluations`.",
+        )
+    return scenario_of(request, f"The plan in {folder}")
+
+
+def replay(
+    run: Path, *, again: bool = False, out: Path | None = None, on_second: OnSecond | None = None
+) -> dict[str, Any]:
+    """Tell what a drive's log holds; drive ``again`` and compare the logs, or write the drive to ``out`` again.
+
+    The answer's ``status`` is ``done``, or after a comparison ``equal`` or ``different``; ``lines`` tells it to people.
+
+    Raises:
+        SwatheError: the log cannot be read, or an input of it is gone or another one.
+    """
+    path = log_of(run)
+    log = RunLog.read(path)
+    scenario = scenario_from_toml(log.scenario, f"The scenario in {path}")
+    answer: dict[str, Any] = {
+        "status": "done",
+        "log": str(path),
+        "complete": log.is_complete,
+        "cut": log.cut,
+        "seconds": log.seconds,
+        "version": log.header.version,
+        "seed": log.header.seed,
+        "vehicle": log.header.vehicle,
+        "title": scenario.title,
+        "outcome": log.outcome,
+        "events": dict(sorted(Counter(event.kind for event in log.events).items())),
+    }
+    if not (again or out is not None):
+        answer["lines"] = _told(answer, path)
+        return answer
+    news = LoggedNews(log.events)
+    vehicle_toml = log.header.vehicle_toml or None
+    made = stage(scenario, vehicle_toml=vehicle_toml, watch=Stopwatch())
+    _require_same(made.inputs, log.header.inputs)
+    if made.world is None:
+        raise InputError(f"There is no route to drive any more: {made.why_not}", "Check the inputs.")
+    if out is not None:
+        with run_folder(out, logs=True) as folder:
+            watch = Stopwatch()
+            summary = _drive_into(
+                folder, made, out, log.header.body, news, animate=True, watch=watch, on_second=on_second
+            )
+        answer["again"] = summary["outputs"]
+        answer["lines"] = [*_told(answer, path), f"driven again into {out}"]
+    if again:
+        with tempfile.TemporaryDirectory(prefix="swathe-") as folder:
+            second = Path(folder) / RUN_LOG
+            record(made, second, body=log.header.body, news=news, on_second=on_second)
+            verdict = verify(path, second)
+        answer["status"] = "equal" if verdict else "different"
+        answer["verdict"] = asdict(verdict)
+        answer["lines"] = [*_told(answer, path), verdict.words]
+    return answer
+
+
+def _require_same(now: Mapping[str, str], logged: Mapping[str, str]) -> None:
+    """Raise InputError when an input of a log is another file now."""
+    other = sorted(name for name in now.keys() | logged.keys() if now.get(name) != logged.get(name))
+    if other:
+        raise InputError(
+            f"{', '.join(other)}: not the file that the log was driven with (its SHA-256 is another).",
+            "Put the file of that time in its place; the log names its SHA-256.",
+        )
+
+
+def _told(answer: Mapping[str, Any], path: Path) -> list[str]:
+    """Return what a log holds as lines for people."""
+    outcome = answer["outcome"]
+    what = f"{answer['title'] or 'a drive'} with a {answer['vehicle']}"
+    lines = [f"{path}: {what}, seed {answer['seed']}, swathe {answer['version']}"]
+    if answer["cut"] is not None:
+        lines.append(f"  {answer['cut']} {answer['seconds']} s can be read.")
+    if outcome is not None:
+        lines.append(f"  {wording.headline({'command': 'drive', **outcome})}: {outcome['reason']}")
+        lines.append(
+            f"  {wording.length(outcome['distance_m'])} driven in {wording.duration(outcome['duration_s'])}, "
+            f"{outcome['replans']} replans, {outcome['probes']} probes, {outcome['collisions']} collisions"
+        )
+    lines.append("  " + ", ".join(f"{count} x {kind}" for kind, count in answer["events"].items()))
+    return lines

@@ -1,0 +1,117 @@
+"""News of the soil on a drive: from its scenario, from a file that grows, or from the log of the same drive."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Protocol
+
+from swathe.episode import Event
+from swathe.errors import InvalidParameterError
+from swathe.soil import SoilClass
+from swathe.soil_feed import SoilUpdate, parse_update
+from swathe.truth import place_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from swathe.drive import Navigator
+    from swathe.soil_feed import SoilFeed
+    from swathe.staging import Stage
+
+#: Kinds of the events that tell of news, and of news that could not be used.
+NEWS, REFUSED = "soil_news", "soil_news_refused"
+
+
+class NewsSource(Protocol):
+    """Where news comes from besides the scenario."""
+
+    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
+        """Return the updates that are due, and what is to be told of lines that could not be used."""
+        ...
+
+
+class FedNews:
+    """News from a file of JSON lines that may grow while the drive goes on."""
+
+    def __init__(self, feed: SoilFeed) -> None:
+        self._feed = feed
+        self._told = 0
+
+    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
+        """Return what came since the last time."""
+        updates = self._feed.due(time_s)
+        new = self._feed.refused[self._told :]
+        self._told = len(self._feed.refused)
+        return updates, [{"line": line, "reason": reason} for line, reason in new]
+
+
+class LoggedNews:
+    """News as a log tells that it came, for the same drive again."""
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self._waiting = [event for event in events if event.kind in {NEWS, REFUSED} and "scenario" not in event.fields]
+
+    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
+        """Return what came at that time."""
+        due = [event for event in self._waiting if event.time_s <= time_s]
+        self._waiting = self._waiting[len(due) :]
+        lines = [dict(event.fields) for event in due if "line" in event.fields]
+        # One that the navigator refused is refused again.
+        records = [{**event.fields} for event in due if "line" not in event.fields]
+        for record in records:
+            record.pop("reason", None)
+        return [parse_update(json.dumps(record)) for record in records], lines
+
+
+class NewsDesk:
+    """Hands news on to the navigator when it is due."""
+
+    def __init__(self, made: Stage, navigator: Navigator, source: NewsSource | None) -> None:
+        """Take the scenario's news, and those of a source."""
+        self._navigator = navigator
+        self._source = source
+        self._waiting: list[SoilUpdate] = []
+        for told in sorted(made.scenario.soil_news, key=lambda news: news.time_s):
+            x_m, y_m, _ = place_of(told, made.route)
+            disc = (x_m, y_m, told.radius_m)
+            soil = SoilClass[told.soil.upper()]
+            self._waiting.append(SoilUpdate(told.time_s, disc=disc, soil_class=soil, source=told.source))
+
+    def tell(self, time_s: float) -> list[Event]:
+        """Teach the navigator what is due, and return the events that tell it."""
+        due = [update for update in self._waiting if update.time_s <= time_s]
+        self._waiting = self._waiting[len(due) :]
+        events = [self._teach(update, time_s, {"scenario": True}) for update in due]
+        if self._source is not None:
+            updates, refused = self._source.due(time_s)
+            events += [Event(time_s, REFUSED, told) for told in refused]
+            events += [self._teach(update, time_s, {}) for update in updates]
+        return events
+
+    def _teach(self, update: SoilUpdate, time_s: float, more: dict[str, Any]) -> Event:
+        told = {**record_of(update), **more}
+        try:
+            self._navigator.learn_soil(update)
+        except InvalidParameterError as error:
+            return Event(time_s, REFUSED, {**told, "reason": error.message})
+        return Event(time_s, NEWS, told)
+
+
+def record_of(update: SoilUpdate) -> dict[str, Any]:
+    """Return an update as the record of a soil feed."""
+    record: dict[str, Any] = {"time_s": update.time_s}
+    if update.polygon is not None:
+        record["polygon"] = update.polygon
+    if update.disc is not None:
+        record |= dict(zip(("x_m", "y_m", "radius_m"), update.disc, strict=True))
+    if update.cells is not None:
+        record["cells"] = [list(cell) for cell in update.cells]
+    if update.soil_class is not None:
+        record["class"] = update.soil_class.name.lower()
+    if update.probabilities is not None:
+        record["probabilities"] = {soil.name.lower(): share for soil, share in update.probabilities.items()}
+    if update.source:
+        record["source"] = update.source
+    if update.cone_index_kpa is not None:
+        record["cone_index_kpa"] = update.cone_index_kpa
+    return record
