@@ -221,10 +221,11 @@ impl Underfoot<'_> {
         let mut closed = scan.clone();
         let steps = (reach_m / self.cell_size_m).ceil() as usize;
         for (beam, range_m) in closed.ranges_m.iter_mut().enumerate() {
-            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
+            let heading_rad = sensor.heading_rad + scan.beam_rad(beam);
+            let (sin, cos) = heading_rad.sin_cos();
             let forbidden = (1..=steps).map(|step| step as f64 * self.cell_size_m).find(|&away_m| {
-                self.region
-                    .forbids(Position::new(sensor.x_m + away_m * cos, sensor.y_m + away_m * sin))
+                let place = Position::new(sensor.x_m + away_m * cos, sensor.y_m + away_m * sin);
+                self.region.forbids_towards(place, heading_rad, away_m)
             });
             // What could not be measured stays closed.
             if let Some(away_m) = forbidden
