@@ -177,21 +177,21 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "Review the comparisons, or pass force=True to use them anyway.",
     ),
     "drive.vehicle": FIGURE,
-    "drive.nest": (
-        InvalidParameterError,
-        "A lowest suitable rank of 11 is not usable: 2 to 10 is allowed.",
-        "Give 6 with gates or 7 without.",
-    ),
     "drive.belief": (
         InvalidParameterError,
         "A reading must name a soil class; unknown soil is none.",
         "Give gravel, sand, clay, silt, rock or none.",
     ),
-    "drive.rank": (InvalidParameterError, "Rank 11 is not one of 0 (unknown), 1 (no-go), 2 to 10.", "RANKREMEDY"),
+    "drive.rank": (InvalidParameterError, "Rank 11 is not one of 0 (unknown), 1 (no-go), 2 to 10.", "Give ranks as swathe.rank makes them."),
     "drive.no_knowledge": (
         InvalidParameterError,
         "The navigator's region cannot learn: it holds finished ranks, or there is none.",
         "Make the region with swathe.drive.Region.of.",
+    ),
+    "drive.nest": (
+        InvalidParameterError,
+        "A lowest suitable rank of 11 is not usable: 2 to 10 is allowed.",
+        "Give 6 with gates or 7 without.",
     ),
     "drive.figure": (
         InvalidParameterError,

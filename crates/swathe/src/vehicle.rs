@@ -119,6 +119,52 @@ pub enum VehicleError {
     },
 }
 
+/// How a vehicle turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Steering {
+    /// Two driven wheels and a caster; turns in place.
+    Differential,
+    /// Driven wheels or tracks that do not steer; turns in place and slips in every turn.
+    Skid,
+    /// Steered wheels; never tighter than the least turning radius.
+    Ackermann,
+}
+
+/// How a vehicle changes its motion: the figures of a vehicle file that only driving needs, for the navigator and for the
+/// simulated body alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// How it turns.
+    pub steering: Steering,
+    /// Greatest acceleration in m/s².
+    pub max_acceleration_mps2: f64,
+    /// Greatest braking in m/s².
+    pub max_braking_mps2: f64,
+    /// Greatest turn rate in rad/s.
+    pub max_turn_rate_radps: f64,
+}
+
+impl Motion {
+    /// Checks every figure.
+    ///
+    /// # Errors
+    /// [`VehicleError::Figure`] naming the first that is not above 0.
+    pub fn validate(&self) -> Result<(), VehicleError> {
+        let figures = [
+            ("greatest acceleration in m/s²", self.max_acceleration_mps2),
+            ("greatest braking in m/s²", self.max_braking_mps2),
+            ("greatest turn rate in rad/s", self.max_turn_rate_radps),
+        ];
+        for (name, given) in figures {
+            if !(given > 0.0 && given.is_finite()) {
+                let allowed = "it must be above 0 and finite";
+                return Err(VehicleError::Figure { name, given, allowed });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Soil strength that a vehicle needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConeIndex {

@@ -76,6 +76,28 @@ impl Memory {
         }
     }
 
+    /// Copies a square of cells, row by row from a first one on.
+    pub fn copy_square(&self, first: (i64, i64), side: usize, square: &mut Vec<Seen>) {
+        square.clear();
+        square.resize(side * side, Seen::Unknown);
+        let end = (first.0 + side as i64, first.1 + side as i64);
+        for down in first.0.div_euclid(SIDE)..=(end.0 - 1).div_euclid(SIDE) {
+            for right in first.1.div_euclid(SIDE)..=(end.1 - 1).div_euclid(SIDE) {
+                let Some(&at) = self.index.get(&(down, right)) else {
+                    continue;
+                };
+                let tile = &self.tiles[at].1;
+                let (left, most) = ((right * SIDE).max(first.1), ((right + 1) * SIDE).min(end.1));
+                for row in (down * SIDE).max(first.0)..((down + 1) * SIDE).min(end.0) {
+                    let from = ((row - down * SIDE) * SIDE + left - right * SIDE) as usize;
+                    let to = (row - first.0) as usize * side + (left - first.1) as usize;
+                    let count = (most - left) as usize;
+                    square[to..to + count].copy_from_slice(&tile[from..from + count]);
+                }
+            }
+        }
+    }
+
     /// Sets a cell; returns whether it was something else before.
     pub fn set(&mut self, cell: (i64, i64), seen: Seen) -> bool {
         let (key, within) = Self::place(cell);
@@ -134,6 +156,11 @@ mod tests {
                 }
             }
             prop_assert!(cells.iter().all(|&cell| memory.get(cell) == Seen::Occupied));
+            let mut square = Vec::new();
+            memory.copy_square((-200, -130), 300, &mut square);
+            for (index, &seen) in square.iter().enumerate() {
+                prop_assert_eq!(memory.get((-200 + index as i64 / 300, -130 + index as i64 % 300)), seen);
+            }
         }
     }
 

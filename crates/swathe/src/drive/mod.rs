@@ -4,6 +4,7 @@
 //! works with nothing but one range sensor; a [`Region`] adds what a map knows. The vehicle never goes faster than it can
 //! stop within the ground that it sees to be free.
 
+mod attitude;
 mod event;
 mod knowledge;
 mod learning;
@@ -16,6 +17,7 @@ mod recovery;
 mod region;
 mod route;
 mod safety;
+mod sense;
 mod steer;
 #[cfg(test)]
 mod tests;

@@ -3,30 +3,28 @@
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::nest::Navigability;
-use crate::sensor::{PenetrometerReading, Pose, Return, Scan, wrap};
+use crate::sensor::{PenetrometerReading, Pose, Scan, wrap};
 use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
-use super::memory::{Memory, Seen};
+use super::memory::Memory;
 use super::motion::Now;
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
 use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
+use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
 use super::watch::Watch;
-
-/// Certainty from which on something stands in a cell, and below which it is gone again.
-pub(super) const SURE: u8 = 6;
-const GONE: u8 = 3;
-
-/// Memory cells are this many certainty cells wide.
-const MEMORY_CELLS: i64 = 2;
 
 /// Greatest coordinate, in metres, and speed that count as usable.
 const PLACE_MAX_M: f64 = 1e8;
 const SPEED_MAX: f64 = 1e3;
+
+/// Seconds that count for the first step, and at most for any.
+const FIRST_STEP_S: f64 = 0.1;
+const STEP_MAX_S: f64 = 1.0;
 
 /// What the robot senses in a step.
 #[derive(Clone, Copy, Debug)]
@@ -73,10 +71,12 @@ pub struct Navigator {
     /// What happened between steps.
     pub(super) news: Vec<Event>,
     last: Option<(f64, Pose)>,
-    scan_time_s: Option<f64>,
-    refused: Option<Reason>,
-    last_ranges: Vec<f64>,
-    same_since: Option<Pose>,
+    /// Seconds since the step before, as far as they count.
+    step_s: f64,
+    pub(super) scan_time_s: Option<f64>,
+    pub(super) refused: Option<Reason>,
+    pub(super) last_ranges: Vec<f64>,
+    pub(super) same_since: Option<Pose>,
     pub(super) last_command: Command,
     reason: Reason,
     pub(super) events: Vec<Event>,
@@ -141,6 +141,7 @@ impl Navigator {
             probing: Probing::default(),
             news: Vec::new(),
             last: None,
+            step_s: FIRST_STEP_S,
             scan_time_s: None,
             refused: None,
             last_ranges: Vec::new(),
@@ -219,7 +220,7 @@ impl Navigator {
         self.events.append(&mut self.news);
         let before = (self.last_command.status, self.reason);
         let (wanted, status, reason) = self.decide(seen);
-        let command = self.limited(wanted, status);
+        let command = self.limited(wanted, status, seen);
         if before != (status, reason) {
             self.events.push(Event::Status { status, reason });
         }
@@ -323,7 +324,8 @@ impl Navigator {
     fn keep_time(&mut self, time_s: f64, pose: &Pose) -> Result<f64, Reason> {
         let Some((last_s, last)) = self.last.replace((time_s, *pose)) else {
             self.grid.move_to(pose.x_m, pose.y_m);
-            return Ok(0.1);
+            self.step_s = FIRST_STEP_S;
+            return Ok(FIRST_STEP_S);
         };
         let step_s = time_s - last_s;
         let moved_m = last.distance_m(pose);
@@ -343,7 +345,8 @@ impl Navigator {
             self.grid.move_to(pose.x_m, pose.y_m);
             return Err(Reason::PoseJumped);
         }
-        Ok(step_s.min(1.0))
+        self.step_s = step_s.min(STEP_MAX_S);
+        Ok(self.step_s)
     }
 
     /// Forgets what the drive was busy with.
@@ -358,84 +361,6 @@ impl Navigator {
         self.local.forget();
         if let Some(region) = &mut self.region {
             region.leaving_no_go = false;
-        }
-    }
-
-    /// Takes in a scan, or notes why not.
-    fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
-        self.grid.move_to(pose.x_m, pose.y_m);
-        self.grid.fade(step_s);
-        let Some(scan) = seen.scan else { return };
-        if let Err(reason) = self.check_scan(scan, pose) {
-            self.refused = Some(reason);
-            self.events.push(Event::ScanRefused { reason });
-            return;
-        }
-        self.refused = None;
-        self.scan_time_s = Some(seen.time_s);
-        match &self.region {
-            Some(region) if region.explains() => {
-                let params = &self.params;
-                self.grid
-                    .observe(pose, scan, |beam| region.explain(pose, scan, beam, params));
-            }
-            _ => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
-        }
-        self.remember();
-    }
-
-    fn check_scan(&mut self, scan: &Scan, pose: &Pose) -> Result<(), Reason> {
-        scan.validate().map_err(|_| Reason::BadScan)?;
-        let beams = || (0..scan.ranges_m.len()).map(|beam| scan.beam(beam));
-        if beams().all(|beam| beam == Return::Invalid) {
-            return Err(Reason::BlindScan);
-        }
-        let is_same = self.last_ranges == scan.ranges_m && beams().any(|beam| matches!(beam, Return::Obstacle { .. }));
-        if !is_same {
-            self.last_ranges.clone_from(&scan.ranges_m);
-            self.same_since = Some(*pose);
-            return Ok(());
-        }
-        // Nothing that stands still looks the same from elsewhere.
-        let since = self.same_since.get_or_insert(*pose);
-        let turned_rad = wrap(since.heading_rad - pose.heading_rad).abs();
-        if since.distance_m(pose) > 0.3 || turned_rad > 0.3 {
-            return Err(Reason::FrozenScan);
-        }
-        Ok(())
-    }
-
-    /// Merges what the last scan has touched into the memory, and into the window of the route.
-    fn remember(&mut self) {
-        let mut before = None;
-        for &(row, column) in self.grid.touched() {
-            let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
-            // Beams cross the cells of one memory cell one after the other.
-            if before == Some(cell) {
-                continue;
-            }
-            before = Some(cell);
-            let known = self.memory.get(cell);
-            if known == Seen::Stamped {
-                continue;
-            }
-            let most = (0..MEMORY_CELLS * MEMORY_CELLS).filter_map(|part| {
-                let (down, right) = (part / MEMORY_CELLS, part % MEMORY_CELLS);
-                self.grid
-                    .certainty_of((cell.0 * MEMORY_CELLS + down, cell.1 * MEMORY_CELLS + right))
-            });
-            let most = most.max().unwrap_or(0);
-            let seen = match known {
-                Seen::Occupied if most >= GONE => Seen::Occupied,
-                _ if most >= SURE => Seen::Occupied,
-                _ => Seen::Free,
-            };
-            if seen != known {
-                self.memory.set(cell, seen);
-                if let Some(window) = &mut self.window {
-                    window.set(cell, seen);
-                }
-            }
         }
     }
 
@@ -496,13 +421,18 @@ impl Navigator {
     }
 
     /// The command within the vehicle's limits, whatever was wanted.
-    fn limited(&self, (speed_mps, turn_radps): (f64, f64), status: Status) -> Command {
+    fn limited(&self, (wanted_mps, turn_radps): (f64, f64), status: Status, seen: &Observation) -> Command {
         let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
-        let most = self.shape.max_speed_mps;
-        let speed_mps = finite(speed_mps).clamp(-most, most);
+        let (wanted_mps, turn_radps) = (finite(wanted_mps), finite(turn_radps));
+        let told_mps = self.last_command.speed_mps;
+        let speed_mps = self
+            .shape
+            .reachable(wanted_mps, finite(seen.speed_mps), told_mps, self.step_s);
+        // What is slower than wanted keeps to the same arc.
+        let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
         Command {
             speed_mps,
-            turn_rate_radps: self.shape.turn_rate(finite(turn_radps), speed_mps),
+            turn_rate_radps: self.shape.turn_rate(turn_radps * share, speed_mps),
             status,
         }
     }
@@ -529,12 +459,11 @@ fn check_place(name: &'static str, given: f64) -> Result<(), DriveError> {
     Err(DriveError::Figure { name, given, allowed })
 }
 
+/// Whether time and pose can be used.
+pub(super) fn is_place(time_s: f64, pose: &Pose) -> bool {
+    time_s.is_finite() && pose.is_finite() && pose.x_m.abs() <= PLACE_MAX_M && pose.y_m.abs() <= PLACE_MAX_M
+}
+
 fn is_usable(seen: &Observation) -> bool {
-    let pose = &seen.pose;
-    seen.time_s.is_finite()
-        && pose.is_finite()
-        && pose.x_m.abs() <= PLACE_MAX_M
-        && pose.y_m.abs() <= PLACE_MAX_M
-        && seen.speed_mps.abs() <= SPEED_MAX
-        && seen.turn_rate_radps.abs() <= SPEED_MAX
+    is_place(seen.time_s, &seen.pose) && seen.speed_mps.abs() <= SPEED_MAX && seen.turn_rate_radps.abs() <= SPEED_MAX
 }

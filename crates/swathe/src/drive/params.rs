@@ -5,7 +5,7 @@ use thiserror::Error;
 use crate::belief::{BeliefError, ProbePolicy};
 use crate::nest::NestError;
 use crate::rank::RankError;
-use crate::vehicle::{Vehicle, VehicleError};
+use crate::vehicle::{Motion, Vehicle, VehicleError};
 
 /// Local method that steers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,6 +135,17 @@ pub enum DriveError {
 }
 
 impl DriveParams {
+    /// The same for a vehicle that moves like this: never more than its acceleration, braking and turn rate.
+    #[must_use]
+    pub fn within(self, motion: &Motion) -> Self {
+        Self {
+            acceleration_mps2: self.acceleration_mps2.min(motion.max_acceleration_mps2),
+            braking_mps2: self.braking_mps2.min(motion.max_braking_mps2),
+            max_turn_rate_radps: self.max_turn_rate_radps.min(motion.max_turn_rate_radps),
+            ..self
+        }
+    }
+
     /// Checks every figure.
     ///
     /// # Errors
@@ -168,6 +179,9 @@ impl DriveParams {
         Ok(())
     }
 }
+
+/// Speeds below this are rest.
+pub(super) const REST_MPS: f64 = 0.03;
 
 /// What the navigator works out of the vehicle once.
 #[derive(Clone, Copy, Debug)]
@@ -215,6 +229,21 @@ impl Shape {
     pub fn speed_for(&self, free_m: f64, braking_mps2: f64, delay_s: f64) -> f64 {
         let at = braking_mps2 * (self.reaction_s + delay_s);
         (at.mul_add(at, 2.0 * braking_mps2 * free_m.max(0.0)).sqrt() - at).max(0.0)
+    }
+
+    /// A speed that the vehicle can have after a time: no faster than its acceleration allows from what it drives and was told,
+    /// and through rest when it turns back. Slower is always allowed, as brakes are the vehicle's own.
+    pub fn reachable(&self, wanted_mps: f64, measured_mps: f64, told_mps: f64, step_s: f64) -> f64 {
+        let side = wanted_mps.signum();
+        let now_mps = (measured_mps * side).max(told_mps * side).max(0.0);
+        let most_mps = (now_mps + self.acceleration_mps2 * step_s).min(self.max_speed_mps);
+        // Rolling the other way still: rest first.
+        let rolls_back = measured_mps * side < -REST_MPS;
+        if rolls_back {
+            0.0
+        } else {
+            side * (wanted_mps * side).min(most_mps)
+        }
     }
 
     /// A turn rate within the limits at a speed.

@@ -1,8 +1,8 @@
 //! What the map says while driving: ranks, nests of the overlapping grids, elevation and the global route.
 
-use crate::grid::{Cell, Layer, Position};
+use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCodes};
-use crate::sensor::{Pose, Return, Scan};
+use crate::sensor::Pose;
 use crate::vehicle::Vehicle;
 
 use super::knowledge::{Knowledge, Learnt, Standing};
@@ -10,11 +10,20 @@ use super::params::{DriveError, DriveParams, OutsideNests};
 use super::route::Ground;
 
 /// Cost of ground outside the nests, and of no-go ground while the robot leaves it.
-const OUTSIDE_COST: f64 = 3.0;
-const NO_GO_COST: f64 = 20.0;
+const OUTSIDE_COST: f32 = 3.0;
+const NO_GO_COST: f32 = 20.0;
+
+/// Cells along the side of a block of the route's window that shares one answer about nests, which are coarse.
+const BLOCK: usize = 4;
 
 /// Speed outside the nests, as a share of the usual.
 const OUTSIDE_SPEED: f64 = 0.5;
+
+/// Radii of the footprint's circle nearer than which no slope closes a direction: obstacles are made wider by one.
+const SLOPE_RADII: f64 = 4.0;
+
+/// Directions in which slopes are looked at.
+const SLOPE_DIRECTIONS: usize = 96;
 
 /// How far a safe nest is looked for, in metres.
 const RETREAT_M: f64 = 60.0;
@@ -83,6 +92,7 @@ pub(super) struct RegionState {
     footprint: Footprint,
     point: Footprint,
     outside: OutsideNests,
+    radius_m: f64,
     /// Whether no-go ground may be crossed, to leave it.
     pub leaving_no_go: bool,
 }
@@ -96,6 +106,7 @@ impl RegionState {
             footprint: Footprint::of_vehicle(vehicle)?,
             point: Footprint::circle(0.0)?,
             outside: params.outside_nests,
+            radius_m: vehicle.circumscribed_radius_m(),
             leaving_no_go: false,
             source,
         })
@@ -125,9 +136,115 @@ impl RegionState {
         Some(ranks[ranks.geometry().cell_at(at)?])
     }
 
+    /// For every column and every row of another grid, the column and row of the ranks at its middle; `None` outside.
+    fn lines(&self, columns: impl Iterator<Item = f64>, rows: impl Iterator<Item = f64>) -> [Vec<Option<usize>>; 2] {
+        let geometry = self.source.ranks().geometry();
+        let inside = |place: f64, count: usize| (place >= 0.0 && place < count as f64).then_some(place as usize);
+        let column = |x_m| inside(geometry.fractional(Position::new(x_m, 0.0)).1, geometry.columns());
+        let row = |y_m| inside(geometry.fractional(Position::new(0.0, y_m)).0, geometry.rows());
+        [columns.map(column).collect(), rows.map(row).collect()]
+    }
+
+    /// Sets the cells of a window around a place (row by row from the north-west) that the map forbids to `closed`; returns
+    /// whether there are any.
+    pub fn close_forbidden(&self, at: Position, cell_size_m: f64, window: &mut [u8], closed: u8) -> bool {
+        if self.leaving_no_go {
+            return false;
+        }
+        let side = window.len().isqrt();
+        let half = (side / 2) as f64;
+        let offset = |k: usize| (k as f64 - half) * cell_size_m;
+        let [columns, rows] = self.lines(
+            (0..side).map(|k| at.x_m + offset(k)),
+            (0..side).map(|k| at.y_m - offset(k)),
+        );
+        let mut any = false;
+        if self.outside == OutsideNests::Block {
+            any = self.close_outside(at, cell_size_m, window, closed);
+        }
+        for (cells, row) in window.chunks_exact_mut(side).zip(rows) {
+            let Some(row) = row else { continue };
+            let ranks = self.source.ranks().view().row(row);
+            for (cell, column) in cells.iter_mut().zip(&columns) {
+                if column.is_some_and(|column| ranks[column] == 1) {
+                    *cell = closed;
+                    any = true;
+                }
+            }
+        }
+        self.close_slopes(at, cell_size_m, window, closed) || any
+    }
+
+    /// The same for ground whose slope the vehicle must not drive on in the direction in which it lies.
+    fn close_slopes(&self, at: Position, cell_size_m: f64, window: &mut [u8], closed: u8) -> bool {
+        let Some(knowledge) = self.knowledge() else {
+            return false;
+        };
+        let side = window.len().isqrt();
+        let half = (side / 2) as f64;
+        let reach_m = (half * cell_size_m).max(cell_size_m);
+        if knowledge.is_gentle_around(at, reach_m) {
+            return false;
+        }
+        let near_m = (SLOPE_RADII * self.radius_m).min(0.7 * reach_m);
+        let mut any = false;
+        for k in 0..SLOPE_DIRECTIONS {
+            let heading_rad = k as f64 * std::f64::consts::TAU / SLOPE_DIRECTIONS as f64;
+            let (sin, cos) = heading_rad.sin_cos();
+            for step in 0.. {
+                let away_m = near_m + f64::from(step) * cell_size_m;
+                if away_m > reach_m {
+                    break;
+                }
+                let (right, down) = (away_m * cos, -away_m * sin);
+                if self.slope_forbids(Position::new(at.x_m + right, at.y_m - down), heading_rad) {
+                    let place = |offset_m: f64| ((offset_m / cell_size_m).round() + half) as usize;
+                    if let Some(cell) = window.get_mut(place(down) * side + place(right)) {
+                        *cell = closed;
+                        any = true;
+                    }
+                }
+            }
+        }
+        any
+    }
+
+    /// Whether the slope of a place must not be driven on with a heading.
+    fn slope_forbids(&self, at: Position, heading_rad: f64) -> bool {
+        let Some(knowledge) = self.knowledge().filter(|_| !self.leaving_no_go) else {
+            return false;
+        };
+        let cell = knowledge.geometry().cell_at(at);
+        cell.is_some_and(|cell| !knowledge.slope_allows(cell, heading_rad))
+    }
+
+    /// Whether the map closes a place that lies some metres away in a direction.
+    pub fn forbids_towards(&self, at: Position, heading_rad: f64, away_m: f64) -> bool {
+        self.forbids(at) || (away_m >= SLOPE_RADII * self.radius_m && self.slope_forbids(at, heading_rad))
+    }
+
+    /// The same for ground outside the nests, asked once for every few cells.
+    fn close_outside(&self, at: Position, cell_size_m: f64, window: &mut [u8], closed: u8) -> bool {
+        let side = window.len().isqrt();
+        let middle = side / 2;
+        let mut any = false;
+        for (down, right) in blocks(side, side) {
+            let offset = |first: usize| ((first + BLOCK / 2).min(side - 1) as f64 - middle as f64) * cell_size_m;
+            if self.in_nest(Position::new(at.x_m + offset(right), at.y_m - offset(down))) {
+                continue;
+            }
+            any = true;
+            for row in down..(down + BLOCK).min(side) {
+                window[row * side + right..row * side + (right + BLOCK).min(side)].fill(closed);
+            }
+        }
+        any
+    }
+
     /// Whether the map forbids to drive there.
     pub fn forbids(&self, at: Position) -> bool {
-        self.rank(at) == Some(1) && !self.leaving_no_go
+        let blocks = self.outside == OutsideNests::Block;
+        !self.leaving_no_go && (self.rank(at) == Some(1) || blocks && !self.in_nest(at))
     }
 
     /// Whether a place lies in a nest.
@@ -224,7 +341,7 @@ impl RegionState {
     }
 
     /// Elevation at a place, between the centres of four cells; `None` where it is not known.
-    fn height_m(&self, at: Position) -> Option<f64> {
+    pub fn height_m(&self, at: Position) -> Option<f64> {
         let elevation = self.source.elevation_m()?;
         let geometry = elevation.geometry();
         let (row, column) = geometry.fractional(at);
@@ -243,58 +360,49 @@ impl RegionState {
         }
         sum.is_finite().then_some(sum)
     }
+}
 
-    /// What a beam tells when map and attitude are known: returns at the height of the ground are ground.
-    pub fn explain(&self, pose: &Pose, scan: &Scan, beam: usize, params: &DriveParams) -> Return {
-        let told = scan.beam(beam);
-        let Return::Obstacle { range_m } = told else {
-            return told;
-        };
-        let at = Position::new(pose.x_m, pose.y_m);
-        let Some(here_m) = self.height_m(at) else { return told };
-        let sensor = pose.of_mount(&scan.mount);
-        // Direction on the body: ahead and left; the body's axes rise by pitch and, to the left, by roll.
-        let on_body = scan.mount.heading_rad + scan.beam_rad(beam);
-        let rise = on_body.cos() * pose.pitch_rad.sin() + on_body.sin() * pose.roll_rad.sin() * pose.pitch_rad.cos();
-        let level = (1.0 - rise * rise).max(0.0).sqrt();
-        let heading = sensor.heading_rad + scan.beam_rad(beam);
-        let end = Position::new(
-            sensor.x_m + range_m * level * heading.cos(),
-            sensor.y_m + range_m * level * heading.sin(),
-        );
-        let Some(ground_m) = self.height_m(end) else {
-            return told;
-        };
-        let end_m = here_m + params.sensor_height_m + range_m * rise;
-        if end_m <= ground_m + params.ground_tolerance_m {
-            Return::Ground { range_m }
-        } else {
-            told
-        }
-    }
-
-    /// The elevation map, if any.
-    pub fn explains(&self) -> bool {
-        self.source.elevation_m().is_some()
-    }
+/// First rows and columns of the blocks of a grid.
+fn blocks(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..rows)
+        .step_by(BLOCK)
+        .flat_map(move |down| (0..columns).step_by(BLOCK).map(move |right| (down, right)))
 }
 
 impl Ground for RegionState {
-    fn factor(&self, position: Position) -> f64 {
-        match self.rank(position) {
-            Some(1) if self.leaving_no_go => NO_GO_COST,
-            None | Some(1) => f64::INFINITY,
-            Some(_) => 1.0,
+    fn factors(&self, geometry: &GridGeometry) -> Vec<f32> {
+        let (rows, columns) = (geometry.rows(), geometry.columns());
+        let centre = |row, column| geometry.centre(Cell::new(row, column));
+        let lines = self.lines(
+            (0..columns).map(|column| centre(0, column).x_m),
+            (0..rows).map(|row| centre(row, 0).y_m),
+        );
+        let no_go = if self.leaving_no_go { NO_GO_COST } else { f32::INFINITY };
+        let mut factors = Vec::with_capacity(geometry.cell_count());
+        for row in &lines[1] {
+            let ranks = row.map(|row| self.source.ranks().view().row(row));
+            let factor = |column: &Option<usize>| match ranks.zip(*column).map(|(ranks, column)| ranks[column]) {
+                Some(1) => no_go,
+                None => f32::INFINITY,
+                Some(_) => 1.0,
+            };
+            factors.extend(lines[0].iter().map(factor));
         }
-    }
-
-    fn outside_factor(&self, position: Position) -> f64 {
-        if self.in_nest(position) {
-            1.0
-        } else if self.outside == OutsideNests::Block && !self.leaving_no_go {
-            f64::INFINITY
-        } else {
-            OUTSIDE_COST
+        for (down, right) in blocks(rows, columns) {
+            let middle = centre((down + BLOCK / 2).min(rows - 1), (right + BLOCK / 2).min(columns - 1));
+            if self.in_nest(middle) {
+                continue;
+            }
+            let outside = if self.outside == OutsideNests::Block && !self.leaving_no_go {
+                f32::INFINITY
+            } else {
+                OUTSIDE_COST
+            };
+            for row in down..(down + BLOCK).min(rows) {
+                let line = &mut factors[row * columns + right..row * columns + (right + BLOCK).min(columns)];
+                line.iter_mut().for_each(|factor| *factor *= outside);
+            }
         }
+        factors
     }
 }

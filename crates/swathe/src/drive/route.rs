@@ -36,15 +36,9 @@ pub(super) enum Standing {
 
 /// What the window must know of ground that the sensors do not tell.
 pub(super) trait Ground {
-    /// Cost of the ground as a multiple of the usual, infinite where closed.
-    fn factor(&self, position: Position) -> f64;
-
-    /// The same for lying inside or outside the nests, which are coarse.
-    fn outside_factor(&self, position: Position) -> f64;
+    /// Cost of the ground of every cell of a grid as a multiple of the usual, infinite where closed.
+    fn factors(&self, geometry: &GridGeometry) -> Vec<f32>;
 }
-
-/// Cells along the side of a block that shares one answer about nests.
-const BLOCK: usize = 4;
 
 /// How a window is laid.
 #[derive(Clone, Copy, Debug)]
@@ -98,32 +92,18 @@ impl Costs {
             geometry,
             first,
             seen: vec![Seen::Unknown; count],
-            terrain: vec![1.0; count],
+            terrain: ground.map_or_else(|| vec![1.0; count], |ground| ground.factors(&geometry)),
             near: std::array::from_fn(|_| vec![0; count]),
             discs: [disc(closed), disc(closed + ring), disc(closed + 2.0 * ring)],
             unknown_cost: layout.unknown_cost,
             dirty: Vec::new(),
             is_dirty: vec![false; count],
         };
-        let blocks = side.div_ceil(BLOCK);
-        let mut outside = vec![1.0; blocks * blocks];
-        if let Some(ground) = ground {
-            for (block, outside) in outside.iter_mut().enumerate() {
-                let middle = |block: usize| (block * BLOCK + BLOCK / 2).min(side - 1);
-                let cell = Cell::new(middle(block / blocks), middle(block % blocks));
-                *outside = ground.outside_factor(geometry.centre(cell));
-            }
-        }
+        memory.copy_square(first, side, &mut costs.seen);
         for index in 0..count {
             let cell = geometry.cell(index);
-            let seen = memory.get((first.0 + cell.row as i64, first.1 + cell.column as i64));
-            costs.seen[index] = seen;
-            if seen.closed() {
+            if costs.seen[index].closed() {
                 costs.spread(cell, true);
-            }
-            if let Some(ground) = ground {
-                let outside = outside[cell.row / BLOCK * blocks + cell.column / BLOCK];
-                costs.terrain[index] = (ground.factor(geometry.centre(cell)) * outside) as f32;
             }
         }
         // All costs are worked out when the graph is made.

@@ -34,22 +34,14 @@ impl Surroundings {
         let (row, column) = grid.cell_of(pose.x_m, pose.y_m);
         let half = ((reach_m + shape.radius_m) / size).ceil() as i64;
         let half = half.min(grid.side_cells() as i64 / 2);
-        for down in row - half..=row + half {
+        grid.each_sure((row, column), half, sure, |(down, right)| {
             let y_m = -(down as f64 + 0.5) * size - pose.y_m;
-            for right in column - half..=column + half {
-                if grid
-                    .certainty_of((down, right))
-                    .is_none_or(|certainty| certainty < sure)
-                {
-                    continue;
-                }
-                let x_m = (right as f64 + 0.5) * size - pose.x_m;
-                let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
-                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
-                self.points.push((ahead, left));
-                self.margins.push((beyond - 0.2 * size).min(margin_m));
-            }
-        }
+            let x_m = (right as f64 + 0.5) * size - pose.x_m;
+            let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
+            let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+            self.points.push((ahead, left));
+            self.margins.push((beyond - 0.2 * size).min(margin_m));
+        });
     }
 
     /// Metres that the footprint can go along an arc before it meets an obstacle, or ground that was not seen. Curvature is
@@ -124,7 +116,7 @@ impl Surroundings {
 }
 
 /// Place and turn after some metres of an arc.
-fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
+pub(super) fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
     let turn = curvature_per_m * way_m;
     if turn.abs() < 1e-6 {
         (way_m, 0.0, turn)

@@ -4,16 +4,19 @@ use std::f64::consts::TAU;
 
 use crate::grid::Position;
 use crate::local::{
-    Body, CERTAINTY_MAX, CertaintyGrid, PlayerParams, PlayerVfh, PolarHistogram, Steering, TooClose, Vfh, VfhParams,
-    VfhPlus, VfhPlusParams, VfhStar, VfhStarParams,
+    Body, CERTAINTY_MAX, CertaintyGrid, Goodness, Ground, PlayerParams, PlayerVfh, PolarHistogram, Steering, TooClose,
+    Vfh, VfhParams, VfhPlus, VfhPlusParams, VfhStar, VfhStarParams,
 };
 use crate::sensor::{Pose, Scan, wrap};
 
 use super::params::{Method, Shape};
 use super::region::RegionState;
 
-/// Weight of the ground's goodness in a direction, `μ_4`.
-const MU_GROUND: f64 = 2.0;
+/// `d_s`: metres ahead of the footprint's circle over which the goodness of the ground counts.
+const GROUND_AHEAD_M: f64 = 2.0;
+
+/// Goodness of ground that the map does not know.
+const UNKNOWN_GOODNESS: f64 = 3.0;
 
 #[derive(Debug)]
 enum Kind {
@@ -47,7 +50,6 @@ pub(super) struct Local {
     direction_rad: Option<f64>,
     side: usize,
     window: Vec<u8>,
-    costs: Vec<f32>,
 }
 
 /// What a step hands to the local method.
@@ -92,11 +94,10 @@ impl Local {
                 ..PlayerParams::default()
             })),
         };
-        let (side, sectors) = match &kind {
-            Kind::Vfh(vfh) => (vfh.params().window_cells, 0),
-            Kind::Plus(vfh) => (vfh.params().window_cells, vfh.params().sectors),
-            Kind::Star(vfh) => (vfh.plus().params().window_cells, vfh.params().plus.sectors),
-            Kind::Player(_) => (1, 0),
+        let side = match &kind {
+            Kind::Vfh(vfh) => vfh.params().window_cells,
+            Kind::Plus(vfh) => vfh.params().window_cells,
+            Kind::Star(_) | Kind::Player(_) => 1,
         };
         Self {
             kind,
@@ -105,7 +106,6 @@ impl Local {
             direction_rad: None,
             side,
             window: vec![0; side * side],
-            costs: vec![0.0; sectors],
         }
     }
 
@@ -128,30 +128,45 @@ impl Local {
             turn_radius_m: [shape.turn_radius_m; 2],
             reaction_m: shape.stopping_m(now.speed_mps.abs()) + enlarged_m + 0.3,
         };
-        if !matches!(self.kind, Kind::Player(_)) {
+        let ground = now.region.map(|region| Underfoot {
+            region,
+            cell_size_m: now.grid.params().cell_size_m,
+            ahead_m: shape.radius_m + GROUND_AHEAD_M,
+        });
+        if matches!(self.kind, Kind::Vfh(_) | Kind::Plus(_)) {
             now.grid.copy_window(pose.x_m, pose.y_m, self.side, &mut self.window);
+            if let Some(ground) = &ground {
+                ground.close(pose.x_m, pose.y_m, &mut self.window);
+            }
         }
-        let mut has_costs = false;
-        if let Some(region) = now.region {
-            self.close_forbidden(region, now);
-            has_costs = self.ground_costs(region, pose, shape);
-        }
-        let costs = has_costs.then_some(self.costs.as_slice());
+        let goodness = ground
+            .as_ref()
+            .map(|ground| |direction_rad: f64| ground.goodness(pose.x_m, pose.y_m, direction_rad));
+        let by_direction = goodness.as_ref().map(|goodness| goodness as Goodness);
         let steering = match &mut self.kind {
             Kind::Vfh(vfh) => {
-                let (seen, steering) = vfh.steer(&self.window, pose.heading_rad, target_rad);
+                let (seen, steering) = vfh.steer(&self.window, pose.heading_rad, target_rad, by_direction);
                 self.seen = Some(seen);
                 steering
             }
-            Kind::Plus(vfh) => vfh.steer(&self.window, pose.heading_rad, target_rad, &body, costs),
+            Kind::Plus(vfh) => vfh.steer(&self.window, pose.heading_rad, target_rad, &body, by_direction),
             Kind::Star(vfh) => {
                 let towards = |x_m: f64, y_m: f64| (now.target.y_m - y_m).atan2(now.target.x_m - x_m);
-                vfh.steer(now.grid, pose, &body, towards, costs)
+                let ground = ground.as_ref().map(|ground| ground as &dyn Ground);
+                vfh.steer(now.grid, pose, &body, towards, ground)
             }
             Kind::Player(vfh) => {
                 let Some(scan) = now.scan else { return Steering::CLOSED };
                 let goal_rad = wrap(target_rad - pose.heading_rad);
-                let told = vfh.update(scan, now.speed_mps, goal_rad, now.step_s);
+                let told = if let Some(ground) = &ground {
+                    // The method sees scans alone: forbidden ground returns its beams.
+                    let reach_m = vfh.reach_m();
+                    let scan = ground.in_scan(scan, pose, reach_m);
+                    let ahead = |off_rad: f64| ground.goodness(pose.x_m, pose.y_m, pose.heading_rad + off_rad);
+                    vfh.update_on(&scan, now.speed_mps, goal_rad, now.step_s, Some(&ahead))
+                } else {
+                    vfh.update(scan, now.speed_mps, goal_rad, now.step_s)
+                };
                 Steering {
                     direction_rad: (told.speed_mps > 0.0).then(|| wrap(pose.heading_rad + told.direction_rad)),
                     crowding: 0.0,
@@ -189,37 +204,57 @@ impl Local {
             direction_rad: self.direction_rad,
         })
     }
+}
 
-    /// Ground that the map forbids is an obstacle in the window.
-    fn close_forbidden(&mut self, region: &RegionState, now: &Situation) {
-        let size = now.grid.params().cell_size_m;
-        let half = (self.side / 2) as f64;
-        for (index, cell) in self.window.iter_mut().enumerate() {
-            let right = ((index % self.side) as f64 - half) * size;
-            let down = ((index / self.side) as f64 - half) * size;
-            if region.forbids(Position::new(now.pose.x_m + right, now.pose.y_m - down)) {
-                *cell = CERTAINTY_MAX;
+/// The map's ground as the local methods ask for it.
+struct Underfoot<'a> {
+    region: &'a RegionState,
+    cell_size_m: f64,
+    /// `d_s`: metres ahead whose goodness counts.
+    ahead_m: f64,
+}
+
+impl Underfoot<'_> {
+    /// A scan whose beams end at the latest where ground is forbidden.
+    fn in_scan(&self, scan: &Scan, pose: &Pose, reach_m: f64) -> Scan {
+        let sensor = pose.of_mount(&scan.mount);
+        let mut closed = scan.clone();
+        let steps = (reach_m / self.cell_size_m).ceil() as usize;
+        for (beam, range_m) in closed.ranges_m.iter_mut().enumerate() {
+            let heading_rad = sensor.heading_rad + scan.beam_rad(beam);
+            let (sin, cos) = heading_rad.sin_cos();
+            let forbidden = (1..=steps).map(|step| step as f64 * self.cell_size_m).find(|&away_m| {
+                let place = Position::new(sensor.x_m + away_m * cos, sensor.y_m + away_m * sin);
+                self.region.forbids_towards(place, heading_rad, away_m)
+            });
+            // What could not be measured stays closed.
+            if let Some(away_m) = forbidden
+                && *range_m > away_m
+            {
+                *range_m = away_m.max(scan.range_min_m);
             }
         }
+        closed
+    }
+}
+
+impl Ground for Underfoot<'_> {
+    fn close(&self, x_m: f64, y_m: f64, window: &mut [u8]) {
+        self.region
+            .close_forbidden(Position::new(x_m, y_m), self.cell_size_m, window, CERTAINTY_MAX);
     }
 
-    /// Costs of the directions by the goodness of the ground ahead of them.
-    fn ground_costs(&mut self, region: &RegionState, pose: &Pose, shape: &Shape) -> bool {
-        let sectors = self.costs.len();
-        for (k, cost) in self.costs.iter_mut().enumerate() {
-            let (sin, cos) = (k as f64 * TAU / sectors as f64).sin_cos();
-            let goodness = |share: f64| {
-                let away_m = share * (shape.radius_m + 2.0);
-                let at = Position::new(pose.x_m + cos * away_m, pose.y_m + sin * away_m);
-                match region.rank(at) {
-                    Some(rank @ 1..=10) => f64::from(rank) / 2.0,
-                    _ => 3.0,
-                }
-            };
-            let mean = [0.3, 0.65, 1.0].map(goodness).iter().sum::<f64>() / 3.0;
-            *cost = (MU_GROUND * (5.0 - mean)) as f32;
-        }
-        sectors > 0
+    fn goodness(&self, x_m: f64, y_m: f64, direction_rad: f64) -> f64 {
+        let (sin, cos) = direction_rad.sin_cos();
+        let goodness = |share: f64| {
+            let away_m = share * self.ahead_m;
+            match self.region.rank(Position::new(x_m + cos * away_m, y_m + sin * away_m)) {
+                // A rank is the sum of two goodnesses.
+                Some(rank @ 1..=10) => f64::from(rank) / 2.0,
+                _ => UNKNOWN_GOODNESS,
+            }
+        };
+        [0.25, 0.5, 0.75, 1.0].map(goodness).iter().sum::<f64>() / 4.0
     }
 }
 

@@ -9,8 +9,8 @@ use crate::sensor::{Pose, Return, Scan};
 /// Greatest certainty that an obstacle stands in a cell, the scale of the vector field histogram.
 pub const CERTAINTY_MAX: u8 = 15;
 
-/// A cell that no beam has reached.
-const UNSEEN: i16 = i16::MIN;
+/// Certainty of a cell that no beam has reached, beyond every other.
+const UNSEEN: u8 = u8::MAX;
 
 /// Log-odds are counted in this many steps per natural unit.
 const STEPS: f64 = 256.0;
@@ -84,14 +84,27 @@ pub struct CertaintyGrid {
     side: i64,
     /// Lattice row (down from y = 0) and column (right from x = 0) of the cell in the middle.
     middle: (i64, i64),
-    /// Evidence, wrapped around at both sides so that moving on copies nothing.
-    evidence: Vec<i16>,
-    /// Number of the last scan that counted for a cell.
-    counted: Vec<u32>,
-    scan: u32,
+    /// Cells along the sides of what is kept, less one: a power of two less one, so that rows and columns wrap around by
+    /// a mask and moving on copies nothing.
+    mask: i64,
+    /// What is kept of every cell.
+    evidence: Vec<Evident>,
+    /// Certainty of every cell, or [`UNSEEN`]; what everybody else reads.
+    certainty: Vec<u8>,
+    scan: u16,
     levels: Levels,
-    /// Cells that the last scan counted for, by lattice row and column.
-    touched: Vec<(i64, i64)>,
+    /// Cells that the last scan first saw or whose certainty it changed, by lattice row and column.
+    changed: Vec<(i64, i64)>,
+    /// Ends of beams, kept for their storage.
+    ends: Vec<(f64, f64)>,
+}
+
+/// Evidence of a cell.
+#[derive(Clone, Copy, Debug, Default)]
+struct Evident {
+    level: i16,
+    /// Number of the last scan that counted for it.
+    scan: u16,
 }
 
 /// Steps of evidence and what they mean.
@@ -133,21 +146,28 @@ impl Levels {
             certainty: (low.min(0)..=high.max(0)).map(certainty).collect(),
         }
     }
+
+    fn certainty(&self, level: i16) -> u8 {
+        self.certainty[(level - self.low) as usize]
+    }
 }
 
 impl CertaintyGrid {
     /// A window around a place, nothing seen.
     pub fn new(params: CertaintyParams, x_m: f64, y_m: f64) -> Self {
         let side = params.side_cells.max(3) | 1;
+        let stride = side.next_power_of_two();
         let mut grid = Self {
             params,
             side: side as i64,
             middle: (0, 0),
-            evidence: vec![UNSEEN; side * side],
-            counted: vec![0; side * side],
+            mask: stride as i64 - 1,
+            evidence: vec![Evident::default(); stride * stride],
+            certainty: vec![UNSEEN; stride * stride],
             scan: 0,
             levels: Levels::of(params.evidence),
-            touched: Vec::new(),
+            changed: Vec::new(),
+            ends: Vec::new(),
         };
         grid.middle = grid.lattice(x_m, y_m);
         grid
@@ -170,7 +190,7 @@ impl CertaintyGrid {
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        self.evidence.fill(UNSEEN);
+        self.certainty.fill(UNSEEN);
     }
 
     /// Moves the window so that a place lies in its middle; what leaves it is forgotten.
@@ -190,13 +210,14 @@ impl CertaintyGrid {
                 middle - half..middle - half - step
             }
         };
+        let stride = self.mask + 1;
         for row in entered(down, target.0) {
-            let start = (row.rem_euclid(self.side) * self.side) as usize;
-            self.evidence[start..start + self.side as usize].fill(UNSEEN);
+            let start = ((row & self.mask) * stride) as usize;
+            self.certainty[start..start + stride as usize].fill(UNSEEN);
         }
         for column in entered(right, target.1) {
-            for row in 0..self.side {
-                self.evidence[(row * self.side + column.rem_euclid(self.side)) as usize] = UNSEEN;
+            for row in 0..stride {
+                self.certainty[(row * stride + (column & self.mask)) as usize] = UNSEEN;
             }
         }
     }
@@ -207,9 +228,10 @@ impl CertaintyGrid {
         if keep >= 1.0 {
             return;
         }
-        for level in &mut self.evidence {
-            if *level != UNSEEN {
-                *level = (f64::from(*level) * keep) as i16;
+        for (cell, certainty) in self.evidence.iter_mut().zip(&mut self.certainty) {
+            if *certainty != UNSEEN {
+                cell.level = (f64::from(cell.level) * keep) as i16;
+                *certainty = self.levels.certainty(cell.level);
             }
         }
     }
@@ -218,38 +240,37 @@ impl CertaintyGrid {
     ///
     /// The scan must have passed [`Scan::validate`] and the pose must be finite.
     pub fn observe(&mut self, pose: &Pose, scan: &Scan, mut classify: impl FnMut(usize) -> Return) {
-        // Two marks a scan: cells that were hit, and cells that were only crossed.
-        if self.scan >= u32::MAX - 2 {
-            self.counted.fill(0);
+        if self.scan == u16::MAX {
+            self.evidence.iter_mut().for_each(|cell| cell.scan = 0);
             self.scan = 0;
         }
         self.scan += 1;
-        self.touched.clear();
+        self.changed.clear();
         let sensor = pose.of_mount(&scan.mount);
         let reach_m = self.side as f64 * self.params.cell_size_m;
-        let end = |beam: usize, range_m: f64| {
-            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
-            let range_m = range_m.min(reach_m);
-            (sensor.x_m + range_m * cos, sensor.y_m + range_m * sin)
-        };
-        let mut crossed = Vec::with_capacity(scan.ranges_m.len());
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
         for beam in 0..scan.ranges_m.len() {
             let (range_m, is_hit) = match classify(beam) {
                 Return::Invalid => continue,
                 Return::Obstacle { range_m } => (range_m, range_m <= reach_m),
                 Return::Ground { range_m } | Return::Clear { range_m } => (range_m, false),
             };
-            let (x_m, y_m) = end(beam, range_m);
-            crossed.push((x_m, y_m));
+            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
+            let range_m = range_m.min(reach_m);
+            let (x_m, y_m) = (sensor.x_m + range_m * cos, sensor.y_m + range_m * sin);
+            ends.push((x_m, y_m));
             let cell = self.lattice(x_m, y_m);
             if is_hit && let Some(index) = self.index(cell) {
                 self.count(index, cell, self.levels.hit);
             }
         }
+        // Hits are counted before, so that they win.
         let start = (sensor.x_m, sensor.y_m);
-        for end in crossed {
+        for &end in &ends {
             self.cross(start, end);
         }
+        self.ends = ends;
     }
 
     /// Counts the cells that a beam crossed, all but the last, nearest first.
@@ -257,6 +278,11 @@ impl CertaintyGrid {
         let size = self.params.cell_size_m;
         let (mut row, mut column) = self.lattice(from.0, from.1);
         let last = self.lattice(to.0, to.1);
+        if !self.holds((row, column)) {
+            return;
+        }
+        // Between two cells of the window all cells are its own.
+        let is_inside = self.holds(last);
         // Rows run south: the beam in units of cells, x right, y down.
         let along = [(to.0 - from.0) / size, (from.1 - to.1) / size];
         let place = [from.0 / size, -from.1 / size];
@@ -274,12 +300,13 @@ impl CertaintyGrid {
         let (mut to_column, mut to_row) = (next(0, column), next(1, row));
         // Rounding could miss the last cell; no beam crosses more borders than this.
         let borders = (last.0 - row).abs() + (last.1 - column).abs();
+        let change = -self.levels.miss;
         for _ in 0..borders {
-            let Some(index) = self.index((row, column)) else {
-                // The sensor may sit at the window's edge; a beam that has left does not come back.
+            // A beam that has left the window does not come back.
+            if !is_inside && !self.holds((row, column)) {
                 return;
-            };
-            self.count(index, (row, column), -self.levels.miss);
+            }
+            self.count(self.wrapped((row, column)), (row, column), change);
             if to_column < to_row {
                 column += step[0];
                 to_column += span[0];
@@ -291,31 +318,32 @@ impl CertaintyGrid {
     }
 
     fn count(&mut self, index: usize, cell: (i64, i64), change: i16) {
-        if self.counted[index] == self.scan {
+        let evident = &mut self.evidence[index];
+        if evident.scan == self.scan {
             return;
         }
-        self.counted[index] = self.scan;
-        self.touched.push(cell);
-        let level = self.evidence[index];
-        let level = if level == UNSEEN { 0 } else { level };
-        self.evidence[index] = (level + change).clamp(self.levels.low, self.levels.high);
+        evident.scan = self.scan;
+        let before = self.certainty[index];
+        let level = if before == UNSEEN { 0 } else { evident.level };
+        evident.level = (level + change).clamp(self.levels.low, self.levels.high);
+        let after = self.levels.certainty(evident.level);
+        if after != before {
+            self.certainty[index] = after;
+            self.changed.push(cell);
+        }
     }
 
     /// Sets a place to the greatest certainty, as when the robot has felt an obstacle.
     pub fn stamp(&mut self, x_m: f64, y_m: f64) {
         if let Some(index) = self.index(self.lattice(x_m, y_m)) {
-            self.evidence[index] = self.levels.high;
+            self.evidence[index].level = self.levels.high;
+            self.certainty[index] = self.levels.certainty(self.levels.high);
         }
     }
 
     /// Certainty from 0 to 15 that an obstacle stands at a place; `None` where nothing was seen or outside the window.
     pub fn certainty_at(&self, x_m: f64, y_m: f64) -> Option<u8> {
-        let level = self.evidence[self.index(self.lattice(x_m, y_m))?];
-        (level != UNSEEN).then(|| self.certainty(level))
-    }
-
-    fn certainty(&self, level: i16) -> u8 {
-        self.levels.certainty[(level - self.levels.low) as usize]
+        self.certainty_of(self.lattice(x_m, y_m))
     }
 
     /// Copies the certainties of a square of cells around a place, row by row from the north-west; 0 where nothing is known.
@@ -324,20 +352,60 @@ impl CertaintyGrid {
     pub fn copy_window(&self, x_m: f64, y_m: f64, side: usize, window: &mut [u8]) {
         let (row, column) = self.lattice(x_m, y_m);
         let half = (side / 2) as i64;
+        window.fill(0);
         for (down, cells) in (row - half..=row + half).zip(window.chunks_exact_mut(side)) {
-            for (right, cell) in (column - half..=column + half).zip(cells) {
-                *cell = match self.index((down, right)).map(|index| self.evidence[index]) {
-                    None | Some(UNSEEN) => 0,
-                    Some(level) => self.certainty(level),
-                };
+            for (first, known) in self.known(down, column - half..column + half + 1) {
+                let start = (first - (column - half)) as usize;
+                for (cell, &certainty) in cells[start..start + known.len()].iter_mut().zip(known) {
+                    *cell = if certainty == UNSEEN { 0 } else { certainty };
+                }
             }
         }
     }
 
-    /// The cells that the last scan counted for, as row (down from y = 0) and column (right from x = 0) of the lattice of
-    /// cells, hits first.
-    pub fn touched(&self) -> &[(i64, i64)] {
-        &self.touched
+    /// Calls for every cell of a square around a cell whose certainty is at least `sure`, row by row.
+    pub fn each_sure(&self, (row, column): (i64, i64), half: i64, sure: u8, mut call: impl FnMut((i64, i64))) {
+        for down in row - half..=row + half {
+            for (first, known) in self.known(down, column - half..column + half + 1) {
+                // Blocks without any are the rule and passed over at once.
+                for (block, cells) in known.chunks(32).enumerate() {
+                    let is_sure = |certainty: u8| certainty >= sure && certainty != UNSEEN;
+                    if !cells.iter().fold(false, |any, &certainty| any | is_sure(certainty)) {
+                        continue;
+                    }
+                    for (right, &certainty) in cells.iter().enumerate() {
+                        if is_sure(certainty) {
+                            call((down, first + (32 * block + right) as i64));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The part of a row of the lattice that lies in the window, in at most two pieces with their first columns.
+    fn known(&self, row: i64, columns: std::ops::Range<i64>) -> impl Iterator<Item = (i64, &[u8])> {
+        let half = self.side / 2;
+        let is_row = (row - self.middle.0).abs() <= half;
+        let first = columns.start.max(self.middle.1 - half);
+        let end = columns.end.min(self.middle.1 + half + 1);
+        let stride = self.mask + 1;
+        let start = (row & self.mask) * stride;
+        // What is kept wraps around where the masked column would be 0.
+        let wrap = ((first | self.mask) + 1).clamp(first, end.max(first));
+        [(first, wrap), (wrap, end)]
+            .into_iter()
+            .filter(move |(from, to)| is_row && from < to)
+            .map(move |(from, to)| {
+                let at = (start + (from & self.mask)) as usize;
+                (from, &self.certainty[at..at + (to - from) as usize])
+            })
+    }
+
+    /// The cells that the last scan first saw or whose certainty it changed, as row (down from y = 0) and column (right
+    /// from x = 0) of the lattice of cells, hits first.
+    pub fn changed(&self) -> &[(i64, i64)] {
+        &self.changed
     }
 
     /// Row and column on the lattice of the cell that holds a place.
@@ -347,8 +415,8 @@ impl CertaintyGrid {
 
     /// Certainty of a cell of the lattice; `None` where nothing was seen or outside the window.
     pub fn certainty_of(&self, cell: (i64, i64)) -> Option<u8> {
-        let level = self.evidence[self.index(cell)?];
-        (level != UNSEEN).then(|| self.certainty(level))
+        let certainty = self.certainty[self.index(cell)?];
+        (certainty != UNSEEN).then_some(certainty)
     }
 
     /// Every cell that has been seen: metres east and north of its centre, and its certainty.
@@ -358,9 +426,9 @@ impl CertaintyGrid {
         (row - half..=row + half)
             .flat_map(move |row| (column - half..=column + half).map(move |column| (row, column)))
             .filter_map(|cell| {
-                let level = self.evidence[self.index(cell)?];
+                let certainty = self.certainty_of(cell)?;
                 let (x_m, y_m) = self.centre_m(cell);
-                (level != UNSEEN).then(|| (x_m, y_m, self.certainty(level)))
+                Some((x_m, y_m, certainty))
             })
     }
 
@@ -374,180 +442,19 @@ impl CertaintyGrid {
         ((column as f64 + 0.5) * size, -(row as f64 + 0.5) * size)
     }
 
-    fn index(&self, (row, column): (i64, i64)) -> Option<usize> {
+    fn holds(&self, (row, column): (i64, i64)) -> bool {
         let half = self.side / 2;
-        let inside = (row - self.middle.0).abs() <= half && (column - self.middle.1).abs() <= half;
-        inside.then(|| (row.rem_euclid(self.side) * self.side + column.rem_euclid(self.side)) as usize)
+        (row - self.middle.0).abs() <= half && (column - self.middle.1).abs() <= half
+    }
+
+    fn wrapped(&self, (row, column): (i64, i64)) -> usize {
+        ((row & self.mask) * (self.mask + 1) + (column & self.mask)) as usize
+    }
+
+    fn index(&self, cell: (i64, i64)) -> Option<usize> {
+        self.holds(cell).then(|| self.wrapped(cell))
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sensor::Mount;
-    use proptest::prelude::*;
-    use std::f64::consts::PI;
-
-    fn beam(range_m: f64) -> Scan {
-        Scan {
-            ranges_m: vec![range_m],
-            angle_min_rad: 0.0,
-            angle_increment_rad: 0.0,
-            range_min_m: 0.1,
-            range_max_m: 5.0,
-            mount: Mount::default(),
-        }
-    }
-
-    fn grid(evidence: Evidence, fade_s: f64) -> CertaintyGrid {
-        let params = CertaintyParams {
-            side_cells: 41,
-            evidence,
-            fade_s,
-            ..CertaintyParams::default()
-        };
-        CertaintyGrid::new(params, 0.05, 0.05)
-    }
-
-    fn look(grid: &mut CertaintyGrid, pose: &Pose, scan: &Scan) {
-        grid.observe(pose, scan, |index| scan.beam(index));
-    }
-
-    #[test]
-    fn himm_adds_three_at_the_hit_and_takes_one_before_it() {
-        let mut grid = grid(Evidence::himm(), f64::INFINITY);
-        let pose = Pose::level(0.05, 0.05, 0.0);
-        for _ in 0..2 {
-            look(&mut grid, &pose, &beam(1.0));
-        }
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(6));
-        assert_eq!(grid.certainty_at(0.55, 0.05), Some(0));
-        assert_eq!(grid.certainty_at(1.15, 0.05), None);
-        // The obstacle goes: the cell is crossed and loses one a scan.
-        look(&mut grid, &pose, &beam(1.5));
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(5));
-        for _ in 0..9 {
-            look(&mut grid, &pose, &beam(1.0));
-        }
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(15));
-    }
-
-    #[test]
-    fn log_odds_follow_the_formula_and_stay_between_the_clamps() {
-        let mut grid = grid(Evidence::default(), f64::INFINITY);
-        let pose = Pose::level(0.05, 0.05, 0.0);
-        look(&mut grid, &pose, &beam(1.0));
-        // One hit: p = 0.7, 15 (2p - 1) = 6.
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(6));
-        look(&mut grid, &pose, &beam(1.0));
-        // Two: odds (7/3)², p = 0.845, 10.3.
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(10));
-        for _ in 0..20 {
-            look(&mut grid, &pose, &beam(1.0));
-        }
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(14));
-        // From 0.97, crossed nine times, less than even odds are left.
-        for _ in 0..9 {
-            look(&mut grid, &pose, &beam(1.5));
-        }
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(0));
-    }
-
-    #[test]
-    fn a_hit_wins_over_other_beams_of_the_same_scan_and_clear_beams_only_clear() {
-        let mut grid = grid(Evidence::himm(), f64::INFINITY);
-        let mut fan = beam(1.0);
-        fan.ranges_m = vec![1.5, 1.0, 1.5, f64::INFINITY, f64::NAN];
-        look(&mut grid, &Pose::level(0.05, 0.05, 0.0), &fan);
-        assert_eq!(grid.certainty_at(1.05, 0.05), Some(3));
-        assert_eq!(grid.certainty_at(1.55, 0.05), Some(3));
-        assert_eq!(grid.certainty_at(1.85, 0.05), Some(0));
-    }
-
-    #[test]
-    fn ground_is_no_obstacle() {
-        let mut grid = grid(Evidence::himm(), f64::INFINITY);
-        let scan = beam(1.0);
-        grid.observe(&Pose::level(0.05, 0.05, 0.0), &scan, |_| Return::Ground {
-            range_m: 1.0,
-        });
-        assert_eq!(grid.certainty_at(0.95, 0.05), Some(0));
-        assert_eq!(grid.certainty_at(1.05, 0.05), None);
-    }
-
-    #[test]
-    fn evidence_fades() {
-        let mut grid = grid(Evidence::himm(), 30.0);
-        grid.stamp(1.0, 1.0);
-        assert_eq!(grid.certainty_at(1.0, 1.0), Some(15));
-        grid.fade(30.0);
-        assert_eq!(grid.certainty_at(1.0, 1.0), Some(5));
-        grid.fade(f64::INFINITY);
-        assert_eq!(grid.certainty_at(1.0, 1.0), Some(0));
-    }
-
-    proptest! {
-        #[test]
-        fn moving_keeps_what_stays_in_the_window_and_forgets_the_rest(
-            places in prop::collection::vec((-1.9f64..1.9, -1.9f64..1.9), 1..20),
-            moves in prop::collection::vec((-1.5f64..1.5, -1.5f64..1.5), 1..6),
-        ) {
-            let mut grid = grid(Evidence::himm(), f64::INFINITY);
-            for &(x_m, y_m) in &places {
-                grid.stamp(x_m, y_m);
-            }
-            let mut kept: Vec<_> = places.iter().map(|&(x, y)| grid.lattice(x, y)).collect();
-            let (mut x_m, mut y_m) = (0.05, 0.05);
-            for (right, up) in moves {
-                (x_m, y_m) = (x_m + right, y_m + up);
-                grid.move_to(x_m, y_m);
-                kept.retain(|&cell| grid.index(cell).is_some());
-            }
-            kept.sort_unstable();
-            kept.dedup();
-            let mut seen: Vec<_> = grid.seen().map(|(x, y, certainty)| {
-                assert_eq!(certainty, 15);
-                grid.lattice(x, y)
-            }).collect();
-            seen.sort_unstable();
-            prop_assert_eq!(seen, kept);
-        }
-
-        #[test]
-        fn a_beam_crosses_the_cells_that_its_points_lie_in(
-            x in -0.5f64..0.5, y in -0.5f64..0.5, heading in -PI..PI, range in 0.2f64..1.4,
-        ) {
-            let mut grid = grid(Evidence::himm(), f64::INFINITY);
-            look(&mut grid, &Pose::level(x, y, heading), &beam(range));
-            let last = grid.lattice(x + range * heading.cos(), y + range * heading.sin());
-            for part in 0..1000 {
-                let along = range * f64::from(part) / 1000.0;
-                let (px, py) = (x + along * heading.cos(), y + along * heading.sin());
-                let is_last = grid.lattice(px, py) == last;
-                let certainty = grid.certainty_at(px, py);
-                // A point next to a border may be rounded to the other side of it.
-                let near = |v: f64| { let f = (v / 0.1).rem_euclid(1.0); !(1e-6..=1.0 - 1e-6).contains(&f) };
-                let expected = if is_last { 3 } else { 0 };
-                prop_assert!(certainty == Some(expected) || near(px) || near(py));
-            }
-            let seen = grid.seen().count() as i64;
-            let first = grid.lattice(x, y);
-            prop_assert_eq!(seen, (last.0 - first.0).abs() + (last.1 - first.1).abs() + 1);
-        }
-
-        #[test]
-        fn no_scan_can_break_the_grid(
-            ranges in prop::collection::vec(prop::num::f64::ANY, 0..50),
-            x in -1e3f64..1e3, y in -1e3f64..1e3, heading in -10.0f64..10.0,
-        ) {
-            let mut grid = grid(Evidence::default(), f64::INFINITY);
-            let mut scan = beam(1.0);
-            scan.angle_increment_rad = 0.1;
-            scan.ranges_m = ranges;
-            look(&mut grid, &Pose::level(x, y, heading), &scan);
-            let mut window = vec![0; 33 * 33];
-            grid.copy_window(x, y, 33, &mut window);
-            prop_assert!(window.iter().all(|&certainty| certainty <= CERTAINTY_MAX));
-        }
-    }
-}
+mod tests;

@@ -10,12 +10,31 @@
 mod certainty;
 mod player;
 mod polar;
+#[cfg(test)]
+mod tests;
 mod vfh;
 mod vfh_plus;
 mod vfh_star;
 
 pub use certainty::{CERTAINTY_MAX, CertaintyGrid, CertaintyParams, Evidence};
 pub use player::{PlayerParams, PlayerSteering, PlayerVfh};
+/// What a map says of the ground in a direction (counter-clockwise from east): its mean expected goodness, 1 to 5, over the
+/// first metres.
+pub type Goodness<'a> = &'a dyn Fn(f64) -> f64;
+
+/// Goodness of the best ground.
+const GOODNESS_MAX: f64 = 5.0;
+
+/// What a map tells a method that looks beyond the robot's place.
+pub trait Ground {
+    /// Sets the cells of a window (row by row from the north-west) around a place that must not be driven on to
+    /// [`CERTAINTY_MAX`].
+    fn close(&self, x_m: f64, y_m: f64, window: &mut [u8]);
+
+    /// Mean expected goodness, 1 to 5, over the first metres in a direction from a place.
+    fn goodness(&self, x_m: f64, y_m: f64, direction_rad: f64) -> f64;
+}
+
 pub use polar::{Opening, PolarHistogram, Steering, openings, sector_gap, threshold};
 pub use vfh::{Vfh, VfhParams};
 pub use vfh_plus::{Body, TooClose, VfhPlus, VfhPlusParams};

@@ -9,6 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use crate::sensor::{Return, Scan, wrap};
 
 use super::polar::{Cells, direction_of, openings};
+use super::{GOODNESS_MAX, Goodness};
 
 /// The driver's parameters and defaults, in SI units. `_0ms` and `_1ms` hold at 0 and 1 m/s, linear between and beyond.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,6 +42,8 @@ pub struct PlayerParams {
     pub weight_desired_dir: f64,
     /// `weight_current_dir`.
     pub weight_current_dir: f64,
+    /// Degrees off the goal that count as much as a class of goodness that the ground lacks; not the driver's.
+    pub ground_deg: f64,
     /// Robot radius in metres; the driver takes half the longer side of the base.
     pub robot_radius_m: f64,
 }
@@ -63,6 +66,7 @@ impl Default for PlayerParams {
             obs_cutoff: [2e6, 2e6],
             weight_desired_dir: 5.0,
             weight_current_dir: 3.0,
+            ground_deg: 2.0,
             robot_radius_m: 0.25,
         }
     }
@@ -83,12 +87,27 @@ pub struct PlayerSteering {
 #[derive(Clone, Debug)]
 pub struct PlayerVfh {
     params: PlayerParams,
-    cells: Cells,
+    /// The cells of the half plane ahead, without the robot's own.
+    cells: Vec<FrontCell>,
+    /// Enlargement for which the cells' ranges of sectors hold, in metres.
+    enlarged_m: f64,
     sectors: usize,
     histogram: Vec<f64>,
     blocked: Vec<bool>,
     direction_rad: f64,
     speed_mps: f64,
+}
+
+/// A cell of the half plane ahead.
+#[derive(Clone, Copy, Debug)]
+struct FrontCell {
+    beta_rad: f64,
+    d_m: f64,
+    /// The half-degree beam nearest to its direction.
+    beam: u16,
+    magnitude: f64,
+    /// First and last sector that it counts for when enlarged; sectors below 0 lie a turn on.
+    sectors: [i32; 2],
 }
 
 /// Openings narrower than this are ignored.
@@ -113,8 +132,21 @@ impl PlayerVfh {
     /// The method at rest. The window is made odd and at most 255 cells wide, the sector angle lies between 0.1 and 90 degrees.
     pub fn new(params: PlayerParams) -> Self {
         let sectors = (360.0 / params.sector_angle_deg.clamp(0.1, 90.0)).round() as usize;
+        let window = Cells::new(params.window_diameter.clamp(3, 255) | 1);
+        let places = window.beta_rad.iter().zip(&window.from_middle);
+        let ahead = places.map(|(&beta, &d)| (wrap(beta), d * params.cell_size_m));
+        let ahead = ahead.filter(|&(beta, d_m)| d_m > 0.0 && beta.abs() <= FRAC_PI_2 + 1e-9);
         Self {
-            cells: Cells::new(params.window_diameter.clamp(3, 255) | 1),
+            cells: ahead
+                .map(|(beta_rad, d_m)| FrontCell {
+                    beta_rad,
+                    d_m,
+                    beam: ((beta_rad + FRAC_PI_2).to_degrees() * 2.0).round().clamp(0.0, 360.0) as u16,
+                    magnitude: (3000.0 - 1000.0 * d_m).powi(4) / 1e8,
+                    sectors: [0, -1],
+                })
+                .collect(),
+            enlarged_m: f64::NAN,
             sectors,
             histogram: vec![0.0; sectors],
             blocked: vec![false; sectors],
@@ -122,6 +154,11 @@ impl PlayerVfh {
             speed_mps: 0.0,
             params,
         }
+    }
+
+    /// Metres from the robot to the window's far corners, beyond which nothing counts.
+    pub fn reach_m(&self) -> f64 {
+        self.cells.iter().fold(0.0, |most, cell| cell.d_m.max(most)) + self.params.cell_size_m
     }
 
     /// Density of every sector in the last step, from the nose on counter-clockwise.
@@ -133,6 +170,18 @@ impl PlayerVfh {
     ///
     /// The scan must have passed [`Scan::validate`].
     pub fn update(&mut self, scan: &Scan, speed_mps: f64, goal_rad: f64, step_s: f64) -> PlayerSteering {
+        self.update_on(scan, speed_mps, goal_rad, step_s, None)
+    }
+
+    /// The same on ground whose goodness is known, with directions from the nose.
+    pub fn update_on(
+        &mut self,
+        scan: &Scan,
+        speed_mps: f64,
+        goal_rad: f64,
+        step_s: f64,
+        ground: Option<Goodness>,
+    ) -> PlayerSteering {
         let at_speed = |pair: [f64; 2]| pair[0] + (pair[1] - pair[0]) * speed_mps.clamp(0.0, 1.0);
         let params = self.params;
         let max_turn_radps = at_speed(params.max_turnrate_radps);
@@ -152,7 +201,7 @@ impl PlayerVfh {
         }
         let turn_radius_m = params.min_turn_radius_safety_factor * speed_mps.max(0.0) / max_turn_radps.max(1e-6);
         let masked = self.masked(&ranges_m, turn_radius_m, enlarged_m);
-        let (direction_rad, most_mps) = self.pick(&masked, wrap(goal_rad));
+        let (direction_rad, most_mps) = self.pick(&masked, wrap(goal_rad), ground);
         let Some(direction_rad) = direction_rad else {
             self.speed_mps = 0.0;
             return PlayerSteering {
@@ -176,46 +225,50 @@ impl PlayerVfh {
         }
     }
 
+    /// Works out anew which sectors each cell counts for.
+    fn enlarge(&mut self, enlarged_m: f64) {
+        if self.enlarged_m == enlarged_m {
+            return;
+        }
+        self.enlarged_m = enlarged_m;
+        let sector_rad = std::f64::consts::TAU / self.sectors as f64;
+        for cell in &mut self.cells {
+            // Nearer cells close everything before they count.
+            let gamma = (enlarged_m / cell.d_m).min(1.0).asin();
+            let first = ((cell.beta_rad - gamma) / sector_rad).ceil() as i32;
+            cell.sectors = [first, ((cell.beta_rad + gamma) / sector_rad).floor() as i32];
+        }
+    }
+
     /// Fills the histogram; false when something is nearer than the enlargement.
     fn fill(&mut self, ranges_m: &[f64; 361], enlarged_m: f64) -> bool {
+        self.enlarge(enlarged_m);
         self.histogram.fill(0.0);
-        let sector_rad = std::f64::consts::TAU / self.sectors as f64;
-        for (&beta, &d) in self.cells.beta_rad.iter().zip(&self.cells.from_middle) {
-            let (beta, d_m) = (wrap(beta), d * self.params.cell_size_m);
-            // Only the half plane ahead, and not the robot itself.
-            if d == 0.0 || beta.abs() > FRAC_PI_2 + 1e-9 || !self.is_filled(ranges_m, beta, d_m) {
+        let half_cell_m = self.params.cell_size_m / 2.0;
+        for cell in &self.cells {
+            if !cell.is_filled(ranges_m, half_cell_m) {
                 continue;
             }
-            if d_m < enlarged_m {
+            if cell.d_m < enlarged_m {
                 return false;
             }
-            let magnitude = (3000.0 - 1000.0 * d_m).powi(4) / 1e8;
-            let gamma = (enlarged_m / d_m).asin();
-            let (low, high) = (
-                ((beta - gamma) / sector_rad).ceil(),
-                ((beta + gamma) / sector_rad).floor(),
-            );
-            for k in low as i64..=high as i64 {
-                self.histogram[k.rem_euclid(self.sectors as i64) as usize] += magnitude;
+            for k in cell.sectors[0]..=cell.sectors[1] {
+                let k = if k < 0 { k + self.sectors as i32 } else { k };
+                self.histogram[k as usize] += cell.magnitude;
             }
         }
         true
     }
 
-    /// A cell counts as filled when it lies behind the return of the beam nearest to its direction.
-    fn is_filled(&self, ranges_m: &[f64; 361], beta_rad: f64, d_m: f64) -> bool {
-        let beam = ((beta_rad + FRAC_PI_2).to_degrees() * 2.0).round().clamp(0.0, 360.0);
-        d_m + self.params.cell_size_m / 2.0 > ranges_m[beam as usize]
-    }
-
     /// The rear half and everything beyond an obstacle in one of the two turning circles.
     fn masked(&self, ranges_m: &[f64; 361], turn_radius_m: f64, enlarged_m: f64) -> Vec<bool> {
         let (mut left, mut right) = (PI, -PI);
-        for (&beta, &d) in self.cells.beta_rad.iter().zip(&self.cells.from_middle) {
-            let (beta, d_m) = (wrap(beta), d * self.params.cell_size_m);
-            if d == 0.0 || beta.abs() > FRAC_PI_2 + 1e-9 || !self.is_filled(ranges_m, beta, d_m) {
+        let half_cell_m = self.params.cell_size_m / 2.0;
+        for cell in &self.cells {
+            if !cell.is_filled(ranges_m, half_cell_m) {
                 continue;
             }
+            let (beta, d_m) = (cell.beta_rad, cell.d_m);
             let (x, y) = (d_m * beta.cos(), d_m * beta.sin());
             if beta >= 0.0 && x.hypot(y - turn_radius_m) < turn_radius_m + enlarged_m {
                 left = beta.min(left);
@@ -232,7 +285,7 @@ impl PlayerVfh {
     }
 
     /// The direction picked, if any, and the greatest speed for the opening it lies in.
-    fn pick(&self, masked: &[bool], goal_rad: f64) -> (Option<f64>, f64) {
+    fn pick(&self, masked: &[bool], goal_rad: f64, ground: Option<Goodness>) -> (Option<f64>, f64) {
         let params = &self.params;
         let in_front = |k: usize| direction_of(k as f64, self.sectors).abs() <= FRAC_PI_2 + 1e-9;
         if (0..self.sectors).all(|k| !in_front(k) || !masked[k]) {
@@ -262,11 +315,19 @@ impl PlayerVfh {
             }
         }
         let cost = |direction: f64| {
-            params.weight_desired_dir * wrap(goal_rad - direction).abs()
+            let lack = ground.map_or(0.0, |goodness| GOODNESS_MAX - goodness(direction));
+            params.weight_desired_dir * (wrap(goal_rad - direction).abs() + params.ground_deg.to_radians() * lack)
                 + params.weight_current_dir * wrap(self.direction_rad - direction).abs()
         };
         let best = candidates.into_iter().min_by(|a, b| cost(a.0).total_cmp(&cost(b.0)));
         best.map_or((None, 0.0), |(direction, speed)| (Some(direction), speed))
+    }
+}
+
+impl FrontCell {
+    /// A cell counts as filled when it lies behind the return of the beam nearest to its direction.
+    fn is_filled(&self, ranges_m: &[f64; 361], half_cell_m: f64) -> bool {
+        self.d_m + half_cell_m > ranges_m[usize::from(self.beam)]
     }
 }
 

@@ -3,7 +3,10 @@
 
 use std::f64::consts::SQRT_2;
 
-use super::polar::{Cells, PolarHistogram, Steering, direction_of, openings, sector_gap, sector_of, threshold};
+use super::polar::{
+    Cells, Opening, PolarHistogram, Steering, direction_of, openings, sector_gap, sector_of, threshold,
+};
+use super::{GOODNESS_MAX, Goodness};
 
 /// The paper's parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,6 +25,8 @@ pub struct VfhParams {
     pub reaction_m: f64,
     /// `s_max`: sectors from which on a valley is wide.
     pub s_max: usize,
+    /// Sectors off the target that count as much as a class of goodness that the ground lacks; not the paper's.
+    pub ground_sectors: f64,
     /// Whether smoothing keeps the mean density (weights over (l + 1)²) instead of the paper's sum over 2l + 1.
     pub unit_gain: bool,
 }
@@ -36,6 +41,7 @@ impl Default for VfhParams {
             tau: None,
             reaction_m: 1.2,
             s_max: 18,
+            ground_sectors: 0.4,
             unit_gain: false,
         }
     }
@@ -130,54 +136,36 @@ impl Vfh {
         (0..n).map(smooth).collect()
     }
 
-    /// Chooses a direction for a window and a target direction; `travel_rad` is where the robot drives now.
-    pub fn steer(&self, window: &[u8], travel_rad: f64, target_rad: f64) -> (PolarHistogram, Steering) {
+    /// Chooses a direction for a window and a target direction; `travel_rad` is where the robot drives now. `ground` tells the
+    /// goodness of the ground in every direction: worse ground makes a valley count as farther from the target.
+    pub fn steer(
+        &self,
+        window: &[u8],
+        travel_rad: f64,
+        target_rad: f64,
+        ground: Option<Goodness>,
+    ) -> (PolarHistogram, Steering) {
         let n = self.params.sectors;
         let density = self.density(window);
         let blocked: Vec<bool> = density.iter().map(|&h| h >= self.tau && h > 0.0).collect();
         let crowding = f64::from(density[sector_of(travel_rad, n)] / self.tau.max(f32::MIN_POSITIVE)).min(1.0);
         let valleys = openings(&blocked);
         let k_targ = sector_of(target_rad, n);
-        let border_gap = |sector: usize| sector_gap(direction_of(sector as f64, n), target_rad, n);
         // The valley that holds the target, else the one with the nearest border.
-        let chosen = valleys.iter().min_by(|a, b| {
-            let gap = |valley: &&super::Opening| {
-                if valley.holds(k_targ, n) {
-                    -1.0
-                } else {
-                    border_gap(valley.right).min(border_gap(valley.left(n)))
-                }
-            };
-            gap(a).total_cmp(&gap(b))
-        });
-        let steering = chosen.map_or(Steering::CLOSED, |valley| {
-            let s_max = self.params.s_max;
-            let (right, left) = (valley.right, valley.left(n));
-            let width_rad = valley.width as f64 * std::f64::consts::TAU / n as f64;
-            let to_right = (k_targ + n - right) % n;
-            let to_left = (left + n - k_targ) % n;
-            let direction_rad = if valley.width == n {
-                target_rad
-            } else if valley.width < s_max {
-                // Narrow: through the middle.
-                direction_of(right as f64 + (valley.width - 1) as f64 / 2.0, n)
-            } else if valley.holds(k_targ, n) && to_right.min(to_left) >= s_max / 2 {
-                // Far from both borders the target itself keeps the distance that s_max / 2 would give.
-                target_rad
+        let gap = |valley: &Opening| {
+            let gap = if valley.holds(k_targ, n) {
+                -1.0
             } else {
-                // Wide: s_max / 2 away from the border k_n that is nearest to the target.
-                let inwards = s_max as f64 / 2.0;
-                if border_gap(right) <= border_gap(left) {
-                    direction_of(right as f64 + inwards, n)
-                } else {
-                    direction_of(left as f64 - inwards, n)
-                }
+                self.border_gap(valley.right, target_rad)
+                    .min(self.border_gap(valley.left(n), target_rad))
             };
-            Steering {
-                direction_rad: Some(direction_rad),
-                crowding,
-                width_rad,
-            }
+            gap + self.lack(self.through(valley, target_rad, ground), ground)
+        };
+        let chosen = valleys.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)));
+        let steering = chosen.map_or(Steering::CLOSED, |valley| Steering {
+            direction_rad: Some(self.through(valley, target_rad, ground)),
+            crowding,
+            width_rad: valley.width as f64 * std::f64::consts::TAU / n as f64,
         });
         let masked = blocked.clone();
         (
@@ -188,6 +176,47 @@ impl Vfh {
             },
             steering,
         )
+    }
+
+    fn border_gap(&self, sector: usize, target_rad: f64) -> f64 {
+        let n = self.params.sectors;
+        sector_gap(direction_of(sector as f64, n), target_rad, n)
+    }
+
+    /// What the ground in a direction lacks of the best, in sectors off the target.
+    fn lack(&self, direction_rad: f64, ground: Option<Goodness>) -> f64 {
+        ground.map_or(0.0, |goodness| {
+            self.params.ground_sectors * (GOODNESS_MAX - goodness(direction_rad))
+        })
+    }
+
+    /// Where to steer through a valley.
+    fn through(&self, valley: &Opening, target_rad: f64, ground: Option<Goodness>) -> f64 {
+        let (n, s_max) = (self.params.sectors, self.params.s_max);
+        let k_targ = sector_of(target_rad, n);
+        let (right, left) = (valley.right, valley.left(n));
+        let to_right = (k_targ + n - right) % n;
+        let to_left = (left + n - k_targ) % n;
+        if valley.width == n {
+            target_rad
+        } else if valley.width < s_max {
+            // Narrow: through the middle.
+            direction_of(right as f64 + (valley.width - 1) as f64 / 2.0, n)
+        } else if valley.holds(k_targ, n) && to_right.min(to_left) >= s_max / 2 {
+            // Far from both borders the target itself keeps the distance that s_max / 2 would give.
+            target_rad
+        } else {
+            // Wide: s_max / 2 away from the border k_n that is nearest to the target.
+            let inwards = s_max as f64 / 2.0;
+            let from_right = direction_of(right as f64 + inwards, n);
+            let from_left = direction_of(left as f64 - inwards, n);
+            let off_right = self.border_gap(right, target_rad) + self.lack(from_right, ground);
+            if off_right <= self.border_gap(left, target_rad) + self.lack(from_left, ground) {
+                from_right
+            } else {
+                from_left
+            }
+        }
     }
 
     /// Speed after section IV-C: slower the denser the direction of travel and the faster the robot turns.
@@ -221,7 +250,7 @@ mod tests {
     #[test]
     fn a_free_window_leads_to_the_target() {
         let vfh = Vfh::new(VfhParams::default());
-        let (polar, steering) = vfh.steer(&window(&[]), 0.0, 1.234);
+        let (polar, steering) = vfh.steer(&window(&[]), 0.0, 1.234, None);
         assert!(polar.blocked.iter().all(|blocked| !blocked));
         assert_eq!(steering.direction_rad, Some(1.234));
         assert_eq!(steering.crowding, 0.0);
@@ -230,7 +259,11 @@ mod tests {
     #[test]
     fn an_obstacle_ahead_blocks_when_it_is_near() {
         let vfh = Vfh::new(VfhParams::default());
-        let blocked = |distance| vfh.steer(&window(&[(90.0, distance)]), FRAC_PI_2, FRAC_PI_2).0.blocked[18];
+        let blocked = |distance| {
+            vfh.steer(&window(&[(90.0, distance)]), FRAC_PI_2, FRAC_PI_2, None)
+                .0
+                .blocked[18]
+        };
         assert!(blocked(6.0) && blocked(11.0));
         assert!(!blocked(16.0));
     }
@@ -239,7 +272,12 @@ mod tests {
     fn it_steers_past_the_nearer_border() {
         let vfh = Vfh::new(VfhParams::default());
         let ahead = [(80.0, 6.0), (90.0, 6.0), (100.0, 6.0)];
-        let steer = |target: f64| vfh.steer(&window(&ahead), FRAC_PI_2, target).1.direction_rad.unwrap();
+        let steer = |target: f64| {
+            vfh.steer(&window(&ahead), FRAC_PI_2, target, None)
+                .1
+                .direction_rad
+                .unwrap()
+        };
         let (left, right) = (steer(100f64.to_radians()), steer(80f64.to_radians()));
         assert!(left > FRAC_PI_2 + 0.6 && left < PI, "{left}");
         assert!(right < FRAC_PI_2 - 0.6 && right > 0.0, "{right}");
@@ -256,7 +294,7 @@ mod tests {
             .filter(|d| (d - 90.0).abs() > 20.0)
             .map(|d| (d, 8.0))
             .collect();
-        let steering = vfh.steer(&window(&walls), FRAC_PI_2, 80f64.to_radians()).1;
+        let steering = vfh.steer(&window(&walls), FRAC_PI_2, 80f64.to_radians(), None).1;
         let direction = steering.direction_rad.unwrap();
         assert!((direction - FRAC_PI_2).abs() < 0.1, "{direction}");
         assert!(steering.width_rad < FRAC_PI_2);
@@ -266,7 +304,7 @@ mod tests {
     fn walls_all_around_leave_nothing() {
         let vfh = Vfh::new(VfhParams::default());
         let walls: Vec<_> = (0..72).map(|k| (f64::from(k) * 5.0, 5.0)).collect();
-        assert_eq!(vfh.steer(&window(&walls), 0.0, 0.0).1.direction_rad, None);
+        assert_eq!(vfh.steer(&window(&walls), 0.0, 0.0, None).1.direction_rad, None);
     }
 
     #[test]
@@ -302,11 +340,11 @@ mod tests {
         let vfh = Vfh::new(VfhParams::default());
         let ahead = [(61.0, 7.3), (71.0, 6.2)];
         let turned = |quarter: f64| ahead.map(|(degrees, distance)| (degrees + 90.0 * quarter, distance));
-        let first = vfh.steer(&window(&ahead), 1.0, 1.1).1.direction_rad.unwrap();
+        let first = vfh.steer(&window(&ahead), 1.0, 1.1, None).1.direction_rad.unwrap();
         for quarter in [1.0, 2.0, 3.0] {
             let turn = quarter * FRAC_PI_2;
             let answer = vfh
-                .steer(&window(&turned(quarter)), 1.0 + turn, 1.1 + turn)
+                .steer(&window(&turned(quarter)), 1.0 + turn, 1.1 + turn, None)
                 .1
                 .direction_rad
                 .unwrap();

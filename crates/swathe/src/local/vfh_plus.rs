@@ -10,12 +10,19 @@ use std::f64::consts::{PI, TAU};
 use crate::sensor::wrap;
 
 use super::polar::{Cells, PolarHistogram, Steering, direction_of, openings, sector_gap, sector_of};
+use super::{GOODNESS_MAX, Goodness};
 
 /// Tables kept for different enlargements.
 const MOST_TABLES: usize = 24;
 
 /// Width of the obstacle that sets the threshold, in metres.
 const OBSTACLE_M: f64 = 0.3;
+
+/// Cells that are looked at together for the turning circles.
+const LANES: usize = 8;
+
+/// What single precision may be wrong by in a cosine, and a little more.
+const ROUNDING: f64 = 1e-6;
 
 /// What happens when an obstacle lies within robot radius and safety distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +50,8 @@ pub struct VfhPlusParams {
     pub s_max: usize,
     /// `μ_1`, `μ_2`, `μ_3`: weights of the gap to target, heading and the direction chosen before.
     pub mu: [f64; 3],
+    /// `μ_4`: weight of what the ground in a direction lacks of the best goodness, by class; not the paper's.
+    pub mu_ground: f64,
     /// Certainty from which on a cell counts as an obstacle for the turning circle and for being too close.
     pub sure: u8,
     /// What happens when an obstacle is too close.
@@ -59,6 +68,7 @@ impl Default for VfhPlusParams {
             tau_low_share: 0.6,
             s_max: 16,
             mu: [5.0, 2.0, 2.0],
+            mu_ground: 2.0,
             sure: 6,
             too_close: TooClose::Stop,
         }
@@ -116,10 +126,9 @@ impl Buckets {
 pub struct VfhPlus {
     params: VfhPlusParams,
     cells: Cells,
-    /// East and north of every cell in cells, for the turning circles; their directions.
-    east: Vec<f32>,
-    north: Vec<f32>,
-    beta: Vec<f32>,
+    /// For the turning circles, by groups of [`LANES`] cells: east and north of their directions, their distances in cells, and
+    /// one over those. Cells outside the circle and the one in the middle are never inside a turning circle.
+    turning: Vec<f32>,
     /// a - b d² of every cell; 0 outside the circle and in the middle.
     weights: Vec<i32>,
     tables: Vec<Table>,
@@ -146,14 +155,23 @@ impl VfhPlus {
                 (a - d * d).round().max(0.0) as i32
             }
         };
-        let along = |part: fn(f64) -> f64| {
-            let places = cells.beta_rad.iter().zip(&cells.from_middle);
-            places.map(|(&beta, &d)| (d * part(beta)) as f32).collect()
-        };
+        let mut turning = Vec::new();
+        let count = cells.beta_rad.len();
+        for group in (0..count).step_by(LANES) {
+            let part = |figure: &dyn Fn(usize) -> f64, padding: f32| {
+                let figure = |cell: usize| {
+                    let counts = cell < count && weight(&cells.from_middle[cell]) > 0;
+                    if counts { figure(cell) as f32 } else { padding }
+                };
+                (group..group + LANES).map(figure).collect::<Vec<f32>>()
+            };
+            turning.extend(part(&|cell| cells.beta_rad[cell].cos(), 0.0));
+            turning.extend(part(&|cell| cells.beta_rad[cell].sin(), 0.0));
+            turning.extend(part(&|cell| cells.from_middle[cell], f32::MAX));
+            turning.extend(part(&|cell| 1.0 / cells.from_middle[cell], 0.0));
+        }
         Self {
-            east: along(f64::cos),
-            north: along(f64::sin),
-            beta: cells.beta_rad.iter().map(|&beta| beta as f32).collect(),
+            turning,
             weights: cells.from_middle.iter().map(weight).collect(),
             tables: Vec::new(),
             magnitudes: vec![0; cells.side * cells.side],
@@ -200,24 +218,25 @@ impl VfhPlus {
         self.previous_rad = direction_rad;
     }
 
-    /// Chooses a direction. `costs`, one per sector, are added to the candidates' (in units of μ times sectors).
+    /// Chooses a direction; `ground` tells the goodness of the ground in every direction.
     pub fn steer(
         &mut self,
         window: &[u8],
         heading_rad: f64,
         target_rad: f64,
         body: &Body,
-        costs: Option<&[f32]>,
+        ground: Option<Goodness>,
     ) -> Steering {
         self.update(window, heading_rad, body);
         let n = self.params.sectors;
         let [mu_1, mu_2, mu_3] = self.params.mu;
+        let mu_4 = self.params.mu_ground;
         let previous_rad = self.previous_rad.unwrap_or(heading_rad);
         let cost = |c: f64| {
             mu_1 * sector_gap(c, target_rad, n)
                 + mu_2 * sector_gap(c, heading_rad, n)
                 + mu_3 * sector_gap(c, previous_rad, n)
-                + costs.map_or(0.0, |costs| f64::from(costs[sector_of(c, n)]))
+                + ground.map_or(0.0, |goodness| mu_4 * (GOODNESS_MAX - goodness(c)))
         };
         let best = self
             .candidates(target_rad)
@@ -302,7 +321,8 @@ impl VfhPlus {
     }
 
     /// Stage 3: sectors that lie beyond an obstacle inside the turning circle are masked.
-    #[allow(clippy::needless_bitwise_bool, reason = "no branches: the loop becomes vector code")]
+    ///
+    /// All in cosines and sines off the heading, in lanes and without branches: the work is the same whatever the window holds.
     fn mask_turns(&mut self, window: &[u8], heading_rad: f64, body: &Body) {
         let [r_left, r_right] = body.turn_radius_m;
         if r_left <= 0.0 && r_right <= 0.0 {
@@ -310,46 +330,48 @@ impl VfhPlus {
         }
         let size = self.params.cell_size_m;
         let (sin, cos) = heading_rad.sin_cos();
-        let heading = heading_rad.rem_euclid(TAU) as f32;
-        let centre = |r: f64, side: f64| ((-side * r * sin / size) as f32, (side * r * cos / size) as f32);
-        let (left, right) = (centre(r_left, 1.0), centre(r_right, -1.0));
-        let reach = |r: f64| {
-            let reach = ((r + body.enlarged_m) / size) as f32;
-            reach * reach
-        };
+        let (sin, cos) = (sin as f32, cos as f32);
+        // A cell at distance d, s = sin of its direction off the heading, lies inside the left circle when
+        // d² - 2 r d s + r² < (r + R)²; over d: d - 2 r s < (R² + 2 r R) / d.
+        let enlarged = body.enlarged_m / size;
+        let reach = |r: f64| (enlarged * (enlarged + 2.0 * r / size)) as f32;
+        let twice = |r: f64| (2.0 * r / size) as f32;
         let (reach_left, reach_right) = (reach(r_left), reach(r_right));
-        let (mut phi_left, mut phi_right) = (std::f32::consts::PI, -std::f32::consts::PI);
-        let places = self.east.iter().zip(&self.north).zip(&self.beta).zip(&self.weights);
-        for ((((&x, &y), &beta), &weight), &c) in places.zip(window) {
-            let ahead = beta - heading;
-            let ahead = ahead
-                - if ahead > std::f32::consts::PI {
-                    std::f32::consts::TAU
+        let (twice_left, twice_right) = (twice(r_left), twice(r_right));
+        let sure = self.params.sure;
+        // The greatest cosine of a cell that blocks is the least angle off the heading.
+        let (mut most_left, mut most_right) = ([-2.0f32; LANES], [-2.0f32; LANES]);
+        let lanes = self.turning.chunks_exact(4 * LANES).zip(window.chunks(LANES));
+        for (cells, certainties) in lanes {
+            let (mut wide, [east, north, away, over]) = (
+                [0u8; LANES],
+                [0, 1, 2, 3].map(|part| &cells[part * LANES..(part + 1) * LANES]),
+            );
+            wide[..certainties.len()].copy_from_slice(certainties);
+            for lane in 0..LANES {
+                let c = east[lane] * cos + north[lane] * sin;
+                let s = north[lane] * cos - east[lane] * sin;
+                let stands = wide[lane] >= sure;
+                let in_left = away[lane] - twice_left * s < reach_left * over[lane];
+                let in_right = away[lane] + twice_right * s < reach_right * over[lane];
+                let left = if stands & in_left & (s >= 0.0) { c } else { -2.0 };
+                let right = if stands & in_right & (s < 0.0) { c } else { -2.0 };
+                most_left[lane] = if left > most_left[lane] { left } else { most_left[lane] };
+                most_right[lane] = if right > most_right[lane] {
+                    right
                 } else {
-                    0.0
+                    most_right[lane]
                 };
-            let ahead = ahead
-                + if ahead < -std::f32::consts::PI {
-                    std::f32::consts::TAU
-                } else {
-                    0.0
-                };
-            let counts = (weight > 0) & (c >= self.params.sure);
-            let inside = |centre: (f32, f32), reach: f32| {
-                let (dx, dy) = (x - centre.0, y - centre.1);
-                dx * dx + dy * dy < reach
-            };
-            if counts & (ahead >= 0.0) & (ahead < phi_left) & inside(left, reach_left) {
-                phi_left = ahead;
-            }
-            if counts & (ahead < 0.0) & (ahead > phi_right) & inside(right, reach_right) {
-                phi_right = ahead;
             }
         }
+        let greatest = |lanes: [f32; LANES]| f64::from(lanes.into_iter().fold(-2.0, f32::max));
+        let (cos_left, cos_right) = (greatest(most_left), greatest(most_right));
         let n = self.params.sectors;
         for (k, masked) in self.polar.masked.iter_mut().enumerate() {
-            let ahead = wrap(direction_of(k as f64, n) - heading_rad) as f32;
-            *masked |= ahead > phi_left || ahead < phi_right;
+            let ahead = wrap(direction_of(k as f64, n) - heading_rad);
+            let beyond = if ahead >= 0.0 { cos_left } else { cos_right };
+            // The sector that points at the obstacle itself is left to the binary histogram.
+            *masked |= ahead.cos() < beyond - ROUNDING;
         }
     }
 

@@ -8,8 +8,9 @@ use std::collections::BinaryHeap;
 use crate::sensor::{Pose, wrap};
 
 use super::certainty::CertaintyGrid;
-use super::polar::{Steering, sector_gap, sector_of};
+use super::polar::{Steering, sector_gap};
 use super::vfh_plus::{Body, VfhPlus, VfhPlusParams};
+use super::{GOODNESS_MAX, Ground};
 
 /// The paper's parameters; its own figures are not known to us, the defaults are ours.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,21 +129,27 @@ impl VfhStar {
         self.here.forget();
     }
 
-    /// Chooses a direction. `target` gives the direction to the target from any place, and `costs`, one per sector, are added
-    /// at the root.
+    /// Chooses a direction. `target` gives the direction to the target from any place; the ground closes cells and weighs
+    /// directions at every place that is reached in thought.
     pub fn steer(
         &mut self,
         grid: &CertaintyGrid,
         pose: &Pose,
         body: &Body,
         target: impl Fn(f64, f64) -> f64,
-        costs: Option<&[f32]>,
+        ground: Option<&dyn Ground>,
     ) -> Steering {
         let n = self.params.plus.sectors;
         let side = self.here.params().window_cells;
         let previous_rad = self.here.previous_rad().unwrap_or(pose.heading_rad);
         let target_rad = target(pose.x_m, pose.y_m);
+        let lack =
+            |x_m: f64, y_m: f64, c: f64| ground.map_or(0.0, |ground| GOODNESS_MAX - ground.goodness(x_m, y_m, c));
+        let mu_4 = self.params.plus.mu_ground;
         grid.copy_window(pose.x_m, pose.y_m, side, &mut self.window);
+        if let Some(ground) = ground {
+            ground.close(pose.x_m, pose.y_m, &mut self.window);
+        }
         self.here.update(&self.window, pose.heading_rad, body);
         let mut queue = BinaryHeap::new();
         let mut number = 0;
@@ -152,7 +159,7 @@ impl VfhStar {
             let cost = mu_1 * sector_gap(c, target_rad, n)
                 + mu_2 * sector_gap(c, pose.heading_rad, n)
                 + mu_3 * sector_gap(c, previous_rad, n)
-                + costs.map_or(0.0, |costs| f64::from(costs[sector_of(c, n)]));
+                + mu_4 * lack(pose.x_m, pose.y_m, c);
             let root = Node {
                 pose: *pose,
                 direction_rad: previous_rad,
@@ -180,6 +187,9 @@ impl VfhStar {
                 x_m, y_m, heading_rad, ..
             } = node.pose;
             grid.copy_window(x_m, y_m, side, &mut self.window);
+            if let Some(ground) = ground {
+                ground.close(x_m, y_m, &mut self.window);
+            }
             // What the robot will have blocked by then is not known: no hysteresis.
             self.ahead.forget();
             self.ahead.update(&self.window, heading_rad, body);
@@ -194,7 +204,8 @@ impl VfhStar {
                 let to_target = sector_gap(c, target_rad, n).max(sector_gap(k_e, target_rad, n));
                 let step = mu_1 * to_target
                     + mu_2 * sector_gap(c, heading_rad, n)
-                    + mu_3 * sector_gap(c, node.direction_rad, n);
+                    + mu_3 * sector_gap(c, node.direction_rad, n)
+                    + mu_4 * lack(x_m, y_m, c);
                 let cost = node.cost + self.params.discount.powi(node.depth as i32) * step;
                 child.key = child.key - child.cost + cost;
                 child.cost = cost;

@@ -10,48 +10,10 @@
 use crate::grid::Position;
 use crate::sensor::{Pose, wrap};
 use crate::soil::{SoilClass, Trafficability};
-use crate::vehicle::{GRAVITY_MPS2, Vehicle};
+use crate::vehicle::{GRAVITY_MPS2, Motion, Steering, Vehicle};
 
 use super::noise::{Noise, Stream};
 use super::{NoGo, SimError, World, require};
-
-/// How a vehicle turns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Steering {
-    /// Two driven wheels and a caster; turns in place.
-    Differential,
-    /// Driven wheels or tracks that do not steer; turns in place and slips in every turn.
-    Skid,
-    /// Steered wheels; never tighter than the least turning radius.
-    Ackermann,
-}
-
-/// How a vehicle changes its motion; the figures of a vehicle file that only driving needs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
-    /// How it turns.
-    pub steering: Steering,
-    /// Greatest acceleration in m/s².
-    pub max_acceleration_mps2: f64,
-    /// Greatest braking in m/s².
-    pub max_braking_mps2: f64,
-    /// Greatest turn rate in rad/s.
-    pub max_turn_rate_radps: f64,
-}
-
-impl Motion {
-    fn validate(&self) -> Result<(), SimError> {
-        let figures = [
-            ("greatest acceleration", self.max_acceleration_mps2),
-            ("greatest braking", self.max_braking_mps2),
-            ("greatest turn rate", self.max_turn_rate_radps),
-        ];
-        for (name, given) in figures {
-            require(name, given, given > 0.0, "it must be above 0")?;
-        }
-        Ok(())
-    }
-}
 
 /// What a vehicle is told to do. What is not finite counts as 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

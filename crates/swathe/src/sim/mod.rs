@@ -27,7 +27,8 @@ use crate::grid::GridError;
 use crate::soil::SoilError;
 use crate::vehicle::VehicleError;
 
-pub use body::{Body, BodyState, Command, Motion, Steering, Stop};
+pub use crate::vehicle::{Motion, Steering};
+pub use body::{Body, BodyState, Command, Stop};
 pub use draw::{Scenario, ScenarioKind, random_world};
 pub use ground::{Ground, NoGo, TruthErrors};
 pub use laser::{Laser, PIONEER_SONAR_RAD, pioneer_sonar};

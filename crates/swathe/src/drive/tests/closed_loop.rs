@@ -1,7 +1,7 @@
 //! Whole drives.
 
 use super::world::{Drive, Setup, World, car, jackal, pioneer};
-use crate::drive::{DriveParams, Method, Reason, Region, Status};
+use crate::drive::{DriveParams, Method, OutsideNests, Reason, Region, Status};
 use crate::grid::{GridGeometry, Layer};
 use crate::vehicle::Vehicle;
 use rstest::rstest;
@@ -212,6 +212,56 @@ fn no_go_ground_of_the_map_is_driven_around_though_no_sensor_sees_it() {
     let drive = setup.drive();
     assert_eq!(drive.status, Status::Reached, "{}", told(&drive));
     assert!(drive.metres > 27.0, "{}", told(&drive));
+}
+
+#[rstest]
+#[case(Method::Vfh)]
+#[case(Method::VfhPlus)]
+#[case(Method::VfhStar)]
+#[case(Method::Player)]
+fn every_method_alone_stays_off_ground_that_the_map_forbids(#[case] method: Method) {
+    let world = World::default();
+    let bog = |x: f64, y: f64| {
+        if (8.0..11.0).contains(&x) && (-1.0..2.0).contains(&y) {
+            1
+        } else {
+            8
+        }
+    };
+    let mut setup = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (25.0, 0.0));
+    setup.region = Some(region(bog));
+    setup.params = DriveParams {
+        method,
+        memory: false,
+        recover: false,
+        ..DriveParams::default()
+    };
+    let drive = setup.drive();
+    // On no-go ground the robot would begin a retreat.
+    assert!(!drive.statuses.contains(&Status::Recovering), "{}", told(&drive));
+    assert_eq!(drive.status, Status::Reached, "{}", told(&drive));
+}
+
+#[test]
+fn ground_outside_the_nests_is_slow_or_as_in_the_paper_closed() {
+    let world = World::default();
+    // Suitable ground with a strip that is passable, but no nest.
+    let strip = |x: f64, y: f64| if (8.0..14.0).contains(&x) && y < 14.0 { 3 } else { 8 };
+    let drive = |outside_nests| {
+        let mut setup = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (25.0, 0.0));
+        setup.region = Some(region(strip));
+        setup.params.outside_nests = outside_nests;
+        setup.drive()
+    };
+    let cost = drive(OutsideNests::Cost);
+    assert_eq!(cost.status, Status::Reached, "{}", told(&cost));
+    let block = drive(OutsideNests::Block);
+    assert_eq!(block.status, Status::Reached, "{}", told(&block));
+    // Around the strip's northern end; straight on, half as fast.
+    assert!(cost.metres < 27.0, "{}", told(&cost));
+    assert!(block.metres > 35.0, "{}", told(&block));
+    let free = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (25.0, 0.0)).drive();
+    assert!(cost.seconds > free.seconds + 2.5, "{} {}", cost.seconds, free.seconds);
 }
 
 #[test]

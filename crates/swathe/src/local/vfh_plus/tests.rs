@@ -184,13 +184,3 @@ fn too_close_stops_or_turns_away() {
     assert_eq!(steer(TooClose::Stop), None);
     assert!(steer(TooClose::TurnAway).is_some_and(|direction| direction.abs() >= FRAC_PI_2));
 }
-
-#[test]
-fn costs_of_the_ground_change_the_choice() {
-    let mut rows = vec!["....................#"; 21];
-    rows[10] = "....................#";
-    let ground: Vec<f32> = (0..72).map(|k| if k < 36 { 500.0 } else { 0.0 }).collect();
-    let mut vfh = VfhPlus::new(VfhPlusParams::default());
-    let steering = vfh.steer(&window(&rows), 0.0, 20f64.to_radians(), &BODY, Some(&ground));
-    assert!(degrees(steering) < -60.0);
-}

@@ -1,0 +1,173 @@
+//! From scans to what is known of the surroundings: certainty grid and memory.
+
+use crate::sensor::{Pose, Return, Scan, wrap};
+
+use super::event::{Event, Reason};
+use super::memory::Seen;
+use super::navigator::{Navigator, Observation, is_place};
+
+/// Certainty from which on something stands in a cell, and below which it is gone again.
+pub(super) const SURE: u8 = 6;
+const GONE: u8 = 3;
+
+/// Memory cells are this many certainty cells wide.
+pub(super) const MEMORY_CELLS: i64 = 2;
+
+/// Returns from which on a scan that repeats itself to the last bit cannot be a coincidence.
+const TELLING_RETURNS: usize = 8;
+
+/// Widest cone of a beam, and most rays to each side of its middle.
+const CONE_MAX_RAD: f64 = std::f64::consts::PI;
+const MOST_RAYS: usize = 32;
+
+impl Navigator {
+    /// Takes in a scan, or notes why not.
+    pub(super) fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
+        self.grid.move_to(pose.x_m, pose.y_m);
+        self.grid.fade(step_s);
+        let Some(scan) = seen.scan else { return };
+        if let Err(reason) = self.check_scan(scan, pose) {
+            self.refused = Some(reason);
+            self.events.push(Event::ScanRefused { reason });
+            return;
+        }
+        self.refused = None;
+        self.scan_time_s = Some(seen.time_s);
+        self.take_in(pose, scan);
+    }
+
+    fn take_in(&mut self, pose: &Pose, scan: &Scan) {
+        match self
+            .region
+            .as_ref()
+            .and_then(|region| region.attitude(pose, scan, &self.params))
+        {
+            Some(attitude) => self.grid.observe(pose, scan, |beam| attitude.explain(scan, beam)),
+            None => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
+        }
+        self.remember();
+    }
+
+    /// Takes in one beam as a cone.
+    fn take_in_cone(&mut self, pose: &Pose, scan: &Scan, beam: usize, cone_rad: f64, sides: usize) {
+        let attitude = self
+            .region
+            .as_ref()
+            .and_then(|region| region.attitude(pose, scan, &self.params));
+        let told = attitude.map_or_else(|| scan.beam(beam), |attitude| attitude.explain(scan, beam));
+        let (Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m }) = told else {
+            return;
+        };
+        let rays = Scan {
+            ranges_m: vec![range_m; 2 * sides + 1],
+            angle_min_rad: scan.beam_rad(beam) - cone_rad / 2.0,
+            angle_increment_rad: cone_rad / (2 * sides) as f64,
+            ..*scan
+        };
+        self.grid.observe(
+            pose,
+            &rays,
+            |ray| if ray == sides { told } else { Return::Clear { range_m } },
+        );
+        self.remember();
+    }
+
+    /// Takes in what another sensor sees, between the steps: a cone of a sonar ring, a second laser. It counts like a scan of a
+    /// step and may be the only one that the robot has.
+    ///
+    /// `cone_rad` is the width of a beam. Up to its range the whole cone is free; what it met is taken to stand in its middle, as
+    /// in histogramic in-motion mapping: the next readings put it right (Borenstein and Koren 1991).
+    ///
+    /// # Errors
+    /// The [`Reason`] why it was left out.
+    pub fn sense(&mut self, time_s: f64, pose: &Pose, scan: &Scan, cone_rad: f64) -> Result<(), Reason> {
+        if !(is_place(time_s, pose) && (0.0..=CONE_MAX_RAD).contains(&cone_rad)) {
+            return Err(Reason::BadState);
+        }
+        scan.validate().map_err(|_| Reason::BadScan)?;
+        let beams = scan.ranges_m.len();
+        if (0..beams).all(|beam| scan.beam(beam) == Return::Invalid) {
+            return Err(Reason::BlindScan);
+        }
+        // A clock that went back or a pose that jumped is the next step's to tell.
+        let far_m = self.grid.side_cells() as f64 * self.grid.params().cell_size_m / 2.0;
+        let (x_m, y_m) = self.grid.middle_m();
+        if (x_m - pose.x_m).hypot(y_m - pose.y_m) > far_m && self.scan_time_s.is_some() {
+            return Err(Reason::PoseJumped);
+        }
+        let pose = Pose {
+            heading_rad: wrap(pose.heading_rad),
+            ..*pose
+        };
+        self.grid.move_to(pose.x_m, pose.y_m);
+        // No two rays of a cone lie farther apart at its end than a cell is wide.
+        let ray_rad = self.grid.params().cell_size_m / scan.range_max_m;
+        let sides = ((cone_rad / 2.0 / ray_rad).ceil() as usize).min(MOST_RAYS);
+        if sides == 0 {
+            self.take_in(&pose, scan);
+        } else {
+            for beam in 0..beams {
+                self.take_in_cone(&pose, scan, beam, cone_rad, sides);
+            }
+        }
+        self.scan_time_s = Some(self.scan_time_s.map_or(time_s, |last| last.max(time_s)));
+        Ok(())
+    }
+
+    fn check_scan(&mut self, scan: &Scan, pose: &Pose) -> Result<(), Reason> {
+        scan.validate().map_err(|_| Reason::BadScan)?;
+        let beams = || (0..scan.ranges_m.len()).map(|beam| scan.beam(beam));
+        if beams().all(|beam| beam == Return::Invalid) {
+            return Err(Reason::BlindScan);
+        }
+        // A few beams may well read the same along a wall.
+        let returns = beams().filter(|beam| matches!(beam, Return::Obstacle { .. })).count();
+        let is_same = returns >= TELLING_RETURNS && self.last_ranges == scan.ranges_m;
+        if !is_same {
+            self.last_ranges.clone_from(&scan.ranges_m);
+            self.same_since = Some(*pose);
+            return Ok(());
+        }
+        // Nothing that stands still looks the same from elsewhere.
+        let since = self.same_since.get_or_insert(*pose);
+        let turned_rad = wrap(since.heading_rad - pose.heading_rad).abs();
+        if since.distance_m(pose) > 0.3 || turned_rad > 0.3 {
+            return Err(Reason::FrozenScan);
+        }
+        Ok(())
+    }
+
+    /// Merges what the last scan has changed into the memory, and into the window of the route.
+    fn remember(&mut self) {
+        let mut before = None;
+        for &(row, column) in self.grid.changed() {
+            let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
+            // Beams cross the cells of one memory cell one after the other.
+            if before == Some(cell) {
+                continue;
+            }
+            before = Some(cell);
+            let known = self.memory.get(cell);
+            if known == Seen::Stamped {
+                continue;
+            }
+            let most = (0..MEMORY_CELLS * MEMORY_CELLS).filter_map(|part| {
+                let (down, right) = (part / MEMORY_CELLS, part % MEMORY_CELLS);
+                self.grid
+                    .certainty_of((cell.0 * MEMORY_CELLS + down, cell.1 * MEMORY_CELLS + right))
+            });
+            let most = most.max().unwrap_or(0);
+            let seen = match known {
+                Seen::Occupied if most >= GONE => Seen::Occupied,
+                _ if most >= SURE => Seen::Occupied,
+                _ => Seen::Free,
+            };
+            if seen != known {
+                self.memory.set(cell, seen);
+                if let Some(window) = &mut self.window {
+                    window.set(cell, seen);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! Laws of the certainty grid.
+
+use super::*;
+use crate::sensor::Mount;
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+fn beam(range_m: f64) -> Scan {
+    Scan {
+        ranges_m: vec![range_m],
+        angle_min_rad: 0.0,
+        angle_increment_rad: 0.0,
+        range_min_m: 0.1,
+        range_max_m: 5.0,
+        mount: Mount::default(),
+    }
+}
+
+fn grid(evidence: Evidence, fade_s: f64) -> CertaintyGrid {
+    let params = CertaintyParams {
+        side_cells: 41,
+        evidence,
+        fade_s,
+        ..CertaintyParams::default()
+    };
+    CertaintyGrid::new(params, 0.05, 0.05)
+}
+
+fn look(grid: &mut CertaintyGrid, pose: &Pose, scan: &Scan) {
+    grid.observe(pose, scan, |index| scan.beam(index));
+}
+
+#[test]
+fn himm_adds_three_at_the_hit_and_takes_one_before_it() {
+    let mut grid = grid(Evidence::himm(), f64::INFINITY);
+    let pose = Pose::level(0.05, 0.05, 0.0);
+    for _ in 0..2 {
+        look(&mut grid, &pose, &beam(1.0));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(6));
+    assert_eq!(grid.certainty_at(0.55, 0.05), Some(0));
+    assert_eq!(grid.certainty_at(1.15, 0.05), None);
+    // The obstacle goes: the cell is crossed and loses one a scan.
+    look(&mut grid, &pose, &beam(1.5));
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(5));
+    for _ in 0..9 {
+        look(&mut grid, &pose, &beam(1.0));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(15));
+}
+
+#[test]
+fn log_odds_follow_the_formula_and_stay_between_the_clamps() {
+    let mut grid = grid(Evidence::default(), f64::INFINITY);
+    let pose = Pose::level(0.05, 0.05, 0.0);
+    look(&mut grid, &pose, &beam(1.0));
+    // One hit: p = 0.7, 15 (2p - 1) = 6.
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(6));
+    look(&mut grid, &pose, &beam(1.0));
+    // Two: odds (7/3)², p = 0.845, 10.3.
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(10));
+    for _ in 0..20 {
+        look(&mut grid, &pose, &beam(1.0));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(14));
+    // From 0.97, crossed nine times, less than even odds are left.
+    for _ in 0..9 {
+        look(&mut grid, &pose, &beam(1.5));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(0));
+}
+
+#[test]
+fn a_hit_wins_over_other_beams_of_the_same_scan_and_clear_beams_only_clear() {
+    let mut grid = grid(Evidence::himm(), f64::INFINITY);
+    let mut fan = beam(1.0);
+    fan.ranges_m = vec![1.5, 1.0, 1.5, f64::INFINITY, f64::NAN];
+    look(&mut grid, &Pose::level(0.05, 0.05, 0.0), &fan);
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(3));
+    assert_eq!(grid.certainty_at(1.55, 0.05), Some(3));
+    assert_eq!(grid.certainty_at(1.85, 0.05), Some(0));
+}
+
+#[test]
+fn ground_is_no_obstacle() {
+    let mut grid = grid(Evidence::himm(), f64::INFINITY);
+    let scan = beam(1.0);
+    grid.observe(&Pose::level(0.05, 0.05, 0.0), &scan, |_| Return::Ground {
+        range_m: 1.0,
+    });
+    assert_eq!(grid.certainty_at(0.95, 0.05), Some(0));
+    assert_eq!(grid.certainty_at(1.05, 0.05), None);
+}
+
+#[test]
+fn evidence_fades() {
+    let mut grid = grid(Evidence::himm(), 30.0);
+    grid.stamp(1.0, 1.0);
+    assert_eq!(grid.certainty_at(1.0, 1.0), Some(15));
+    grid.fade(30.0);
+    assert_eq!(grid.certainty_at(1.0, 1.0), Some(5));
+    grid.fade(f64::INFINITY);
+    assert_eq!(grid.certainty_at(1.0, 1.0), Some(0));
+}
+
+proptest! {
+    #[test]
+    fn moving_keeps_what_stays_in_the_window_and_forgets_the_rest(
+        places in prop::collection::vec((-1.9f64..1.9, -1.9f64..1.9), 1..20),
+        moves in prop::collection::vec((-1.5f64..1.5, -1.5f64..1.5), 1..6),
+    ) {
+        let mut grid = grid(Evidence::himm(), f64::INFINITY);
+        for &(x_m, y_m) in &places {
+            grid.stamp(x_m, y_m);
+        }
+        let mut kept: Vec<_> = places.iter().map(|&(x, y)| grid.lattice(x, y)).collect();
+        let (mut x_m, mut y_m) = (0.05, 0.05);
+        for (right, up) in moves {
+            (x_m, y_m) = (x_m + right, y_m + up);
+            grid.move_to(x_m, y_m);
+            kept.retain(|&cell| grid.index(cell).is_some());
+        }
+        kept.sort_unstable();
+        kept.dedup();
+        let mut seen: Vec<_> = grid.seen().map(|(x, y, certainty)| {
+            assert_eq!(certainty, 15);
+            grid.lattice(x, y)
+        }).collect();
+        seen.sort_unstable();
+        prop_assert_eq!(seen, kept);
+    }
+
+    #[test]
+    fn a_beam_crosses_the_cells_that_its_points_lie_in(
+        x in -0.5f64..0.5, y in -0.5f64..0.5, heading in -PI..PI, range in 0.2f64..1.4,
+    ) {
+        let mut grid = grid(Evidence::himm(), f64::INFINITY);
+        look(&mut grid, &Pose::level(x, y, heading), &beam(range));
+        let last = grid.lattice(x + range * heading.cos(), y + range * heading.sin());
+        for part in 0..1000 {
+            let along = range * f64::from(part) / 1000.0;
+            let (px, py) = (x + along * heading.cos(), y + along * heading.sin());
+            let is_last = grid.lattice(px, py) == last;
+            let certainty = grid.certainty_at(px, py);
+            // A point next to a border may be rounded to the other side of it.
+            let near = |v: f64| { let f = (v / 0.1).rem_euclid(1.0); !(1e-6..=1.0 - 1e-6).contains(&f) };
+            let expected = if is_last { 3 } else { 0 };
+            prop_assert!(certainty == Some(expected) || near(px) || near(py));
+        }
+        let seen = grid.seen().count() as i64;
+        let first = grid.lattice(x, y);
+        prop_assert_eq!(seen, (last.0 - first.0).abs() + (last.1 - first.1).abs() + 1);
+    }
+
+    #[test]
+    fn no_scan_can_break_the_grid(
+        ranges in prop::collection::vec(prop::num::f64::ANY, 0..50),
+        x in -1e3f64..1e3, y in -1e3f64..1e3, heading in -10.0f64..10.0,
+    ) {
+        let mut grid = grid(Evidence::default(), f64::INFINITY);
+        let mut scan = beam(1.0);
+        scan.angle_increment_rad = 0.1;
+        scan.ranges_m = ranges;
+        look(&mut grid, &Pose::level(x, y, heading), &scan);
+        let mut window = vec![0; 33 * 33];
+        grid.copy_window(x, y, 33, &mut window);
+        prop_assert!(window.iter().all(|&certainty| certainty <= CERTAINTY_MAX));
+    }
+}

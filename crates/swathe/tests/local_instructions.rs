@@ -1,0 +1,107 @@
+//! A gate on the speed of the local methods that no clock decides: instructions per update, counted by callgrind, for windows
+//! that a histogram may find hard.
+//!
+//! The bounds are what was counted (in the profile of tests, its checks included) when they were set, and a tenth more. An
+//! update must take 10 us at most, which is about 60 000 instructions at 2 GHz and three a cycle.
+
+mod local_windows;
+
+use std::hint::black_box;
+use std::process::Command;
+
+use local_windows::{BODY, CONTENTS, scan_of, window_of};
+use rstest::rstest;
+use swathe::local::{Body, PlayerParams, PlayerVfh, VfhPlus, VfhPlusParams};
+
+const ROUNDS: u32 = 20;
+
+/// Counted alone, under this name.
+#[inline(never)]
+fn local_job(mut job: impl FnMut()) {
+    for _ in 0..ROUNDS {
+        job();
+    }
+}
+
+#[test]
+#[ignore = "run by the test below, under callgrind"]
+fn job() {
+    let Ok(job) = std::env::var("SWATHE_LOCAL_JOB") else {
+        return;
+    };
+    let (method, content) = job.split_once(' ').unwrap();
+    if method == "player" {
+        let scan = scan_of(content);
+        let mut player = PlayerVfh::new(PlayerParams::default());
+        black_box(player.update(&scan, 0.1, 0.1, 0.1));
+        return local_job(|| {
+            black_box(player.update(black_box(&scan), 0.1, 0.1, 0.1));
+        });
+    }
+    let window = window_of(content);
+    let turn_radius_m = if method == "car" { [0.8; 2] } else { [0.0; 2] };
+    let body = Body { turn_radius_m, ..BODY };
+    let mut plus = VfhPlus::new(VfhPlusParams::default());
+    plus.update(&window, 0.3, &body);
+    local_job(|| {
+        black_box(plus.steer(black_box(&window), 0.3, 0.1, &body, None));
+    });
+}
+
+/// Instructions per update.
+fn instructions(job: &str) -> Option<f64> {
+    let program = std::env::current_exe().unwrap();
+    let run = Command::new("valgrind")
+        .args([
+            "--tool=callgrind",
+            "--callgrind-out-file=/dev/null",
+            "--toggle-collect=*local_job*",
+        ])
+        .arg(program)
+        .args(["job", "--exact", "--ignored", "--nocapture", "--test-threads=1"])
+        .env("SWATHE_LOCAL_JOB", job)
+        .output();
+    let Ok(run) = run else {
+        let required = std::env::var("SWATHE_REQUIRE").unwrap_or_default();
+        assert!(
+            !required.split(',').any(|name| name == "all" || name == "valgrind"),
+            "valgrind is required and not installed"
+        );
+        eprintln!("valgrind is not installed: instructions are not counted");
+        return None;
+    };
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(run.status.success(), "{said}");
+    let line = said.lines().find_map(|line| line.split("Collected : ").nth(1));
+    let count: f64 = line
+        .unwrap_or_else(|| panic!("no count in {said}"))
+        .trim()
+        .parse()
+        .unwrap();
+    Some(count / f64::from(ROUNDS))
+}
+
+#[rstest]
+#[case("plus", 60_000.0)]
+#[case("car", 60_000.0)]
+fn instructions_per_update_stay_below_their_bound_whatever_the_window_holds(#[case] method: &str, #[case] bound: f64) {
+    let mut counts = Vec::new();
+    for content in CONTENTS {
+        let Some(counted) = instructions(&format!("{method} {content}")) else {
+            return;
+        };
+        println!("{method} {content}: {counted:.0}");
+        assert!(
+            counted <= bound,
+            "{method} {content}: {counted:.0} instructions, above {bound}"
+        );
+        counts.push(counted);
+    }
+    let (least, most) = counts.iter().fold((f64::INFINITY, 0.0f64), |(least, most), &count| {
+        (least.min(count), most.max(count))
+    });
+    assert!(
+        most <= 1.5 * least,
+        "{method}: {least:.0} to {most:.0} instructions by what the window holds"
+    );
+}
