@@ -31,6 +31,7 @@ __all__ = [
     "soil",
     "swarm",
     "terrain",
+    "trials",
     "vehicle",
 ]
 

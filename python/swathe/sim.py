@@ -275,7 +275,8 @@ class RobotParams:
     """How exactly a robot moves and knows where it is; the usual values give exact poses without delay.
 
     Odometry: ``scale_error`` and ``heading_drift_radps`` are deviations drawn once a run; noises are per root of a
-    metre driven; ``blind_to_slip`` makes it count wheels. Fixes replace the estimate ``fix_rate_hz`` times a second.
+    metre driven; ``blind_to_slip`` makes it count wheels. Fixes replace the estimate ``fix_rate_hz`` times a second, or
+    with ``fuses_fixes`` are weighed against it by the variances of both.
     """
 
     sonar: bool = False
@@ -290,6 +291,7 @@ class RobotParams:
     fix_noise_m: float = 0.0
     fix_heading_noise_rad: float = 0.0
     blind_to_slip: bool = False
+    fuses_fixes: bool = False
 
 
 @dataclass(frozen=True, slots=True)

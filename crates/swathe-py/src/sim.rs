@@ -333,6 +333,7 @@ fn robot_params(dict: &Bound<'_, PyDict>, sensing: &Bound<'_, PyDict>) -> PyResu
             fix_noise_m: number("fix_noise_m")?,
             fix_heading_noise_rad: number("fix_heading_noise_rad")?,
             blind_to_slip: entry(dict, "blind_to_slip")?,
+            fuses_fixes: entry(dict, "fuses_fixes")?,
         },
         scan_delay_s: number("scan_delay_s")?,
         scan_dropout: number("scan_dropout")?,

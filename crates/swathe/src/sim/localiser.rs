@@ -24,6 +24,8 @@ pub struct LocaliserParams {
     pub fix_heading_noise_rad: f64,
     /// Whether slip is invisible to odometry (wheel encoders) or measured (visual odometry).
     pub blind_to_slip: bool,
+    /// Whether a fix is weighed against dead reckoning by their variances (Kalman 1960), rather than replacing it.
+    pub fuses_fixes: bool,
 }
 
 impl LocaliserParams {
@@ -58,6 +60,9 @@ pub struct Localiser {
     before: BodyState,
     steps: u64,
     fixes: u64,
+    /// Variances of place (in one direction) and heading at the last fix, and what was driven and passed since then.
+    variances: [f64; 2],
+    since: (f64, f64),
 }
 
 impl Localiser {
@@ -78,12 +83,37 @@ impl Localiser {
             before: *start,
             steps: 0,
             fixes: 0,
+            variances: [0.0; 2],
+            since: (0.0, 0.0),
         })
     }
 
     /// The estimate. Attitude is taken to be measured without error.
     pub fn estimate(&self) -> Pose {
         self.estimate
+    }
+
+    /// Shares of a fix in place and heading, and what they make of the variances.
+    fn weights(&mut self) -> [f64; 2] {
+        let params = &self.params;
+        let (driven_m, passed_s) = std::mem::take(&mut self.since);
+        if !params.fuses_fixes {
+            return [1.0; 2];
+        }
+        let turned = params.heading_noise_rad.powi(2) * driven_m + (params.heading_drift_radps * passed_s).powi(2);
+        let moved = (params.scale_error * driven_m).powi(2)
+            + params.distance_noise_m.powi(2) * driven_m
+            + (self.variances[1] + turned) * driven_m * driven_m;
+        let grown = [self.variances[0] + moved, self.variances[1] + turned];
+        let fixes = [params.fix_noise_m.powi(2), params.fix_heading_noise_rad.powi(2)];
+        let mut weights = [1.0; 2];
+        for (number, weight) in weights.iter_mut().enumerate() {
+            if grown[number] + fixes[number] > 0.0 {
+                *weight = grown[number] / (grown[number] + fixes[number]);
+            }
+            self.variances[number] = (1.0 - *weight) * grown[number];
+        }
+        weights
     }
 
     /// Takes in the motion since the last call.
@@ -105,6 +135,7 @@ impl Localiser {
         let [along, turned] = self.noise.normals(Stream::Odometry, self.steps, 0);
         self.steps += 1;
         let root = driven_m.sqrt();
+        self.since = (self.since.0 + driven_m, self.since.1 + dt_s);
         let stretch = if driven_m > 0.0 {
             self.scale + self.params.distance_noise_m * root * along / driven_m
         } else {
@@ -129,9 +160,16 @@ impl Localiser {
             self.fixes = due;
             let [east, north] = self.noise.normals(Stream::Fix, due, 0);
             let [heading, _] = self.noise.normals(Stream::Fix, due, 1);
-            self.estimate.x_m = body.pose.x_m + self.params.fix_noise_m * east;
-            self.estimate.y_m = body.pose.y_m + self.params.fix_noise_m * north;
-            self.estimate.heading_rad = wrap(body.pose.heading_rad + self.params.fix_heading_noise_rad * heading);
+            let [place, turn] = self.weights();
+            let off_m = [
+                body.pose.x_m + self.params.fix_noise_m * east - self.estimate.x_m,
+                body.pose.y_m + self.params.fix_noise_m * north - self.estimate.y_m,
+            ];
+            self.estimate.x_m += place * off_m[0];
+            self.estimate.y_m += place * off_m[1];
+            let fix_rad = body.pose.heading_rad + self.params.fix_heading_noise_rad * heading;
+            let off_rad = wrap(fix_rad - self.estimate.heading_rad);
+            self.estimate.heading_rad = wrap(self.estimate.heading_rad + turn * off_rad);
         }
         self.estimate
     }
