@@ -32,19 +32,6 @@ if TYPE_CHECKING:
     OnProgress = Callable[[str, int, int], bool]
     OnSecond = Callable[["Live"], None]
 
-#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
-#: off by 2 % and corrected once a second to 0.3 m.
-NOISE = {
-    "beam_dropout": 0.1,
-    "scan_delay_s": 0.1,
-    "scale_error": 0.02,
-    "distance_noise_m": 0.02,
-    "heading_noise_rad": 0.005,
-    "fix_rate_hz": 1.0,
-    "fix_noise_m": 0.3,
-    "fix_heading_noise_rad": 0.02,
-}
-
 
 class Live(NamedTuple):
     """How a drive stands: simulated time, place as the robot believes, speed, metres to go, and what it has met."""

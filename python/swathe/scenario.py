@@ -248,6 +248,7 @@ class SensorsPart(_Part):
     fix_noise_m: float = Field(default=0.0, ge=0, le=10)
     fix_heading_noise_rad: float = Field(default=0.0, ge=0, le=1)
     blind_to_slip: bool = False
+    fuses_fixes: bool = False
 
 
 class SoilNews(_Part):

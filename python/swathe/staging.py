@@ -35,6 +35,21 @@ if TYPE_CHECKING:
 _PATIENCE, _LEAST_LIMIT_S = 6.0, 300.0
 
 
+#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
+#: off by 2 % and corrected once a second to 0.3 m.
+NOISE = {
+    "beam_dropout": 0.1,
+    "scan_delay_s": 0.1,
+    "scale_error": 0.02,
+    "distance_noise_m": 0.02,
+    "heading_noise_rad": 0.005,
+    "fix_rate_hz": 1.0,
+    "fix_noise_m": 0.3,
+    "fix_heading_noise_rad": 0.02,
+    "fuses_fixes": True,
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """Everything that a drive needs.
@@ -83,8 +98,8 @@ class Stage:
         usual_s = self.route.length_m / self.vehicle.max_speed_mps if planned is None else planned.time_s
         return max(_LEAST_LIMIT_S, _PATIENCE * usual_s)
 
-    def episode(self) -> tuple[Episode, Navigator]:
-        """Return the drive at its beginning, and the navigator that drives."""
+    def episode(self, *, records: bool = True) -> tuple[Episode, Navigator]:
+        """Return the drive at its beginning, and the navigator that drives; ``records`` as in ``EpisodeParams``."""
         assert self.world is not None  # noqa: S101 - callers stop before when there is no route
         scenario, sensors, given = self.scenario, self.scenario.sensors, self.scenario.drive
         laser = sim.Laser.preset(sensors.laser)
@@ -101,6 +116,7 @@ class Stage:
             fix_noise_m=sensors.fix_noise_m,
             fix_heading_noise_rad=sensors.fix_heading_noise_rad,
             blind_to_slip=sensors.blind_to_slip,
+            fuses_fixes=sensors.fuses_fixes,
         )
         robot = sim.Robot(self.world, self.vehicle, self.start, laser=laser, params=params, seed=scenario.seed)
         how = DriveParams(
@@ -115,7 +131,7 @@ class Stage:
         )
         goal = (self.goal.x_m, self.goal.y_m)
         navigator = Navigator(self.vehicle, goal, region=self._region(), params=how, seed=scenario.seed)
-        limits = EpisodeParams(time_limit_s=self.time_limit_s)
+        limits = EpisodeParams(time_limit_s=self.time_limit_s, records=records)
         return Episode(self.world, robot, navigator, params=limits), navigator
 
     def _region(self) -> Region | None:

@@ -14,7 +14,7 @@ import multiprocessing
 import signal
 import time
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
 
 Method = Literal["vfh", "vfh+", "vfh*", "player"]
 KINDS: tuple[sim.Kind, ...] = get_args(sim.Kind)
@@ -222,33 +225,45 @@ def run(
     Returns:
         The rows in the order of the trials, and whether all are there: an interrupt (Ctrl-C) keeps what is done.
     """
-    asked = list(trials)
-    done: dict[int, Row] = {}
+    return run_all(run_one, list(trials), processes=processes, progress=progress, chunk=chunk)
 
-    def take(results: Iterator[tuple[int, Row]]) -> bool:
+
+def run_all(
+    work: Callable[[Item], Answer],
+    items: Sequence[Item],
+    *,
+    processes: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    chunk: int = 1,
+) -> tuple[list[Answer], bool]:
+    """Do some work, a function of a module, on every item in worker processes; arguments and answers as ``run``'s."""
+    done: dict[int, Answer] = {}
+
+    def take(results: Iterator[tuple[int, Answer]]) -> bool:
         try:
-            for number, row in results:
-                done[number] = row
+            for number, answer in results:
+                done[number] = answer
                 if progress is not None:
-                    progress(len(done), len(asked))
+                    progress(len(done), len(items))
         except KeyboardInterrupt:
             return False
         return True
 
-    numbered = list(enumerate(asked))
+    numbered = [(work, number, item) for number, item in enumerate(items)]
     if processes == 1:
-        complete = take(map(_run_numbered, numbered))
+        complete = take(map(_done, numbered))
     else:
         # A fresh interpreter for each worker: no threads or open files are inherited.
         with multiprocessing.get_context("spawn").Pool(processes, initializer=_ignore_interrupts) as pool:
-            complete = take(pool.imap_unordered(_run_numbered, numbered, chunksize=max(1, chunk)))
+            complete = take(pool.imap_unordered(_done, numbered, chunksize=max(1, chunk)))
             if not complete:
                 pool.terminate()
     return [done[number] for number in sorted(done)], complete
 
 
-def _run_numbered(numbered: tuple[int, Trial]) -> tuple[int, Row]:
-    return numbered[0], run_one(numbered[1])
+def _done(numbered: tuple[Callable[[Item], Answer], int, Item]) -> tuple[int, Answer]:
+    work, number, item = numbered
+    return number, work(item)
 
 
 def _ignore_interrupts() -> None:

@@ -143,6 +143,7 @@ def drive(
     from swathe import driving
     from swathe.cli import say
     from swathe.config import use_threads
+    from swathe.staging import NOISE
 
     if list_scenarios:
         say.scenarios(as_json=json)
@@ -184,7 +185,7 @@ def drive(
     )
     wanted = _scenario(scenario, plan, changes)
     if noise:
-        wanted = wanted.with_changes({"sensors": {**wanted.sensors.model_dump(), **driving.NOISE}})
+        wanted = wanted.with_changes({"sensors": {**wanted.sensors.model_dump(), **NOISE}})
     with say.driving(quiet=quiet or json) as on_second, say.progress(quiet=quiet or json) as report:
         summary = driving.drive(
             wanted,
@@ -275,11 +276,11 @@ def trials(
 
       swathe trials --scenario wrong-soil --runs 100 --probing never --probing where-it-matters
     """
-    from swathe import driving
+    from swathe import proving
     from swathe.cli import say
 
     with say.progress(quiet=quiet or json) as report:
-        summary = driving.run_trials(
+        summary = proving.run_trials(
             out or Path("swathe-trials"),
             runs=runs,
             first_seed=seed,
@@ -292,8 +293,8 @@ def trials(
             workers=workers,
             on_progress=report,
         )
-    say.line(summary, summary["table"], as_json=json)
-    return 0
+    say.line(summary, f"{summary['table']}\n{summary['outputs']['csv']}", as_json=json)
+    return 0 if summary["status"] == "done" else 130
 
 
 @app.command()

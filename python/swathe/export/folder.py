@@ -51,6 +51,8 @@ OUR_FILES = frozenset(
         "animation.gif",
         "animation.html",
         *DRIVE_PICTURES,
+        "trials.csv",
+        "trials.png",
         "index.html",
         *FIGURES,
     }
