@@ -362,8 +362,8 @@ def _pair(first: str, one: Sequence[MapRow], second: str, other: Sequence[MapRow
     )
     words = (
         f"{second} against {first}, {len(both)} seeds: median time saved {middle:.1f} s ({low:.1f} to {high:.1f}) where "
-        f"both reached the goal, {mean:.2f} fewer times on no-go ground a run; only {second} reached it {only[0]} times, "
-        f"only {first} {only[1]} times."
+        f"both reached it, {mean:.2f} fewer times on no-go ground a run; only {second} reached it {only[0]} "
+        f"times, only {first} {only[1]} times."
     )
     return {
         "first": first,

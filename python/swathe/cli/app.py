@@ -77,10 +77,11 @@ def _root(
 
 @app.command()
 def demo(out: Out = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> int:  # noqa: ARG001
-    """Plan on bundled real terrain and tell the story.
+    """Plan and drive on bundled real terrain and tell the story.
 
     A farm tractor and a 4x4 cross the hills at the Jacksboro fault (USGS elevation, soil generated from it by rule):
     the tractor goes a long way round, the 4x4 nearly straight, and at a ridge the tractor is refused with a reason.
+    Then the tractor drives a field leg, around things that no map shows.
 
     Example:
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from swathe import mission
+from swathe import driving, mission
 from swathe.cli import say
 from swathe.config import Settings, TerrainRequest
 from swathe.report import wording
+from swathe.scenario import load_scenario
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 _BUNDLED = "bundled:jacksboro"
+_DRIVE = "drive"
 
 #: name of the folder, what is tried, vehicle, start, goal, whether the soil map is used
 _CHAPTERS = (
@@ -28,7 +30,7 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
     """Plan every chapter into a folder of its own below ``out`` and end by naming the first one's report."""
     from swathe.export.folder import require_ours_or_runs
 
-    require_ours_or_runs(out, tuple(chapter[0] for chapter in _CHAPTERS))
+    require_ours_or_runs(out, (*(chapter[0] for chapter in _CHAPTERS), _DRIVE))
     answers: list[dict[str, Any]] = []
     if not (as_json or quiet):
         say.show("The hills at the Jacksboro fault, Tennessee: USGS elevation, soil generated from it by rule.")
@@ -41,10 +43,26 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
         answers.append({"chapter": name, "title": title, **summary})
         if not as_json:
             say.show(f"\n{title}: {_in_short(summary)}")
+    answers.append(_drive(out / _DRIVE, as_json=as_json, quiet=quiet))
     first = answers[0]["outputs"]["report"]
     found = {"status": "done", "report": first, "chapters": answers}
-    say.line(found, f"\nEvery way has a report with its map; the tractor's is\n{first}", as_json=as_json)
+    last = answers[-1]["outputs"]["report"]
+    words = f"\nEvery way has a report with its map; the drive's is\n{last}\nthe tractor's\n{first}"
+    say.line(found, words, as_json=as_json)
     return 0
+
+
+def _drive(out: Path, *, as_json: bool, quiet: bool) -> dict[str, Any]:
+    """Drive the last chapter and return its summary."""
+    title = "The tractor drives a field leg among things that no map shows"
+    with say.driving(quiet=quiet or as_json) as on_second, say.progress(quiet=quiet or as_json) as report:
+        summary = driving.drive(load_scenario("tractor"), out, on_second=on_second, on_progress=report)
+    if not as_json:
+        how = f"{wording.length(summary['distance_m'])} in {wording.duration(summary['duration_s'])}"
+        near = "" if summary["min_clearance_m"] is None else f", never nearer than {summary['min_clearance_m']:.1f} m"
+        reached = "reached the goal" if summary["status"] == "reached" else summary["reason"]
+        say.show(f"\n{title}: {reached}; {how}{near}.")
+    return {"chapter": _DRIVE, "title": title, **summary}
 
 
 def _in_short(summary: dict[str, Any]) -> str:

@@ -43,6 +43,7 @@ OUR_FILES = frozenset(
         SUMMARY,
         RUN_LOG,
         "route.geojson",
+        "drivable.geojson",
         "nests.geojson",
         "rank.tif",
         "map.png",
