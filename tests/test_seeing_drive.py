@@ -17,7 +17,7 @@ from drives import HEADER, OUTCOME, made_log, made_second
 from pictures import hills, pixels, pixels_near
 from swathe import sim
 from swathe.drive import Navigator
-from swathe.episode import Episode, Event, Fault, Histogram, Line, Outcome
+from swathe.episode import CertaintyMap, Episode, Event, Fault, Histogram, Line, Outcome
 from swathe.errors import InvalidParameterError, ShapeMismatchError
 from swathe.export.folder import DRIVE_PICTURES, OUR_FILES
 from swathe.grid import GridGeometry
@@ -115,6 +115,23 @@ def test_what_was_seen_lies_on_what_stands(drive: Drive) -> None:
     apart = shapely.distance(shapely.points(drive.seen_m[:, :2]), everything)
     assert len(apart) > 100
     assert np.quantile(apart, 0.95) < 0.15
+
+
+def window(time_s: float, west_m: float, rows: str) -> CertaintyMap:
+    """Make a window of cells of half a metre: # closed, . free, ? never seen."""
+    cells = [[{"#": 15, ".": 0, "?": 255}[sign] for sign in row] for row in rows.split()]
+    return CertaintyMap(time_s, np.array(cells, np.uint8), west_m, 1.0, 0.5)
+
+
+def test_what_was_closed_and_is_seen_free_later_is_no_longer_shown(drive: Drive) -> None:
+    def shown(*maps: CertaintyMap) -> list[list[float]]:
+        return sorted(replace(drive, log=replace(drive.log, maps=list(maps))).seen_m.tolist())
+
+    first = window(1.0, 0.0, "#.# ...")
+    assert shown(first) == [[0.25, 0.75, 1.0], [1.25, 0.75, 1.0]]
+    # The window goes on: the west cell is out of sight, the other one is seen free, and one behind is new.
+    assert shown(first, window(2.0, 0.5, "..# ...")) == [[0.25, 0.75, 1.0], [1.75, 0.75, 2.0]]
+    assert shown(first, window(2.0, 0.0, "?.# ...")) == shown(first)
 
 
 def test_clearance_to_what_is_seen_is_that_to_the_truth_where_all_of_it_is_seen(drive: Drive) -> None:

@@ -119,7 +119,7 @@ def write_drive(
     write_summary(folder, out, summary, watch, ("report.html", *(() if log is None else (log.name,))))
     from swathe.report.html import write_html
 
-    write_html(folder)
+    write_html(folder, log=log)
 
 
 def _draw(folder: Path, made: Stage, log: Path, summary: dict[str, Any], *, animate: bool) -> None:

@@ -79,7 +79,7 @@ def write(
     write_summary(folder, out, summary, watch, ("report.html", *(() if log is None else (log.name,))))
     from swathe.report.html import write_html
 
-    write_html(folder)
+    write_html(folder, log=log)
     tell(on_progress, "writing", 5, 5)
 
 

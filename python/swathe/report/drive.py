@@ -33,6 +33,8 @@ _SEEN_CELL_M = 0.1
 _NEAR_LENGTHS = 4.0
 _MARGIN_M = 1.5
 _MOST_CLEARANCES = 600
+#: Certainty from which a cell is shown as closed.
+_SURELY = 8
 _FREE_RGBA, _CLOSED_RGBA = (255, 255, 255, 190), (48, 48, 54, 255)
 #: Walls have no thickness; they are drawn as if they had this much to each side.
 _HALF_WALL_M = 0.02
@@ -187,7 +189,12 @@ class Drive:
 
     @cached_property
     def seen_m(self) -> NDArray[np.float64]:
-        """All that scans hit, one point a cell, in the order of time: x, y and when it was seen first, (n, 3)."""
+        """What the robot took for closed when it last saw it, in the order of time: x, y and since when, (n, 3).
+
+        Cells of the certainty windows; without these all that scans hit, ground included.
+        """
+        if self.log.maps:
+            return _closed_cells(self.log.maps)
         points, rows = self._hits
         odometry, times_s = self.log.odometry, self.log.scans.times_s
         heading = np.interp(times_s, odometry.times_s, np.unwrap(odometry.heading_rad))[rows]
@@ -329,6 +336,27 @@ def sector_directions(fields: Mapping[str, Any]) -> NDArray[np.float64]:
     count = len(fields.get("densities") or [])
     first_rad = float(fields.get("first_rad") or 0.0)
     return np.array([first_rad + sector * 2 * math.pi / count for sector in range(count)])
+
+
+def _closed_cells(maps: Sequence[CertaintyMap]) -> NDArray[np.float64]:
+    """Return the cells that were closed in the last window that showed them: x, y and since when, (n, 3)."""
+    cell_m = maps[0].cell_size_m
+    rows, columns, since_s = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+    for window in maps:
+        # Windows lie on one grid: its columns count east from the frame's origin, its rows south.
+        top, left = round(-window.north_m / cell_m), round(window.west_m / cell_m)
+        height, width = window.certainty.shape
+        certainty = np.where(window.certainty == UNSEEN, 0, window.certainty)
+        inside = (rows >= top) & (rows < top + height) & (columns >= left) & (columns < left + width)
+        told = window.certainty[rows[inside] - top, columns[inside] - left]
+        kept = ~inside
+        kept[inside] = (told >= _SURELY) | (told == UNSEEN)
+        certainty[rows[inside & kept] - top, columns[inside & kept] - left] = 0  # known already
+        rows, columns, since_s = rows[kept], columns[kept], since_s[kept]
+        new_rows, new_columns = np.nonzero(certainty >= _SURELY)
+        rows, columns = np.append(rows, new_rows + top), np.append(columns, new_columns + left)
+        since_s = np.append(since_s, np.full(len(new_rows), window.time_s))
+    return np.column_stack([(columns + 0.5) * cell_m, -(rows + 0.5) * cell_m, since_s])
 
 
 def _shapes(obstacle: Obstacle) -> list[shapely.Polygon]:

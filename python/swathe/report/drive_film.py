@@ -314,7 +314,7 @@ class _Film:
         return last.kind.replace("_", " ") if last is not None and time_s - last.time_s < span_s else ""
 
     def _key(self, pen: ImageDraw.ImageDraw, y: float) -> None:
-        entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("hit by scans", SEEN_COLOUR)]
+        entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("seen", SEEN_COLOUR)]
         if self.drive.route_m is not None:
             entries.insert(0, ("global route", ROUTE_COLOUR))
         if self.drive.shapes:

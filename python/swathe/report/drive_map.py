@@ -80,6 +80,8 @@ def draw_drive_map(path: Path | str, drive: Drive, metadata: Mapping[str, str]) 
         draw_movers(axes, drive, drive.end_s)
         draw_seen(axes, drive.seen_m, 1.6)
         draw_route(axes, drive.route_m)
+        for line in drive.log.routes[1:]:
+            axes.plot(*line.points_m.T, color=ROUTE_COLOUR, lw=1.1, ls=(0, (4, 2.5)), zorder=4.2)
         draw_driven(axes, drive.driven_m)
         marks = _draw_marks(axes, drive)
         _draw_ends(axes, drive)
@@ -184,6 +186,8 @@ def _entries(drive: Drive, marks: list[tuple[str, str, str]]) -> list[tuple[Line
     entries = []
     if drive.route_m is not None:
         entries.append((Line2D((), (), color=ROUTE_COLOUR, lw=2.9, solid_capstyle="round"), "global route"))
+    if len(drive.log.routes) > 1:
+        entries.append((Line2D((), (), color=ROUTE_COLOUR, lw=1.1, ls=(0, (4, 2.5))), "route as corrected"))
     entries.append(
         (
             Line2D((), (), color=DRIVEN_COLOUR, lw=1.9, ls=(0, (0.1, 2.1)), dash_capstyle="round"),
@@ -196,7 +200,7 @@ def _entries(drive: Drive, marks: list[tuple[str, str, str]]) -> list[tuple[Line
     if len(drive.log.movers.radii_m):
         entries.append((Line2D((), (), color="#c9a13b", marker="o", ls="", ms=8, mec="#4c4944"), "moving, at the end"))
     if len(drive.seen_m):
-        entries.append((Line2D((), (), color=SEEN_COLOUR, marker="o", ls="", ms=3), "hit by its scans"))
+        entries.append((Line2D((), (), color=SEEN_COLOUR, marker="o", ls="", ms=3), "seen by the robot"))
     entries += [
         (Line2D((), (), color=colour, marker=sign, ls="", ms=7, mec="white"), name) for sign, colour, name in marks
     ]
@@ -213,7 +217,7 @@ def _facts(drive: Drive) -> list[str]:
         facts.append(f"The local way changed {len(drive.log.ways):,} times.")
     way = last_before(drive.log.routes, drive.end_s)
     if way is not None and len(drive.log.routes) > 1:
-        facts.append(f"The global route was laid {len(drive.log.routes):,} times; the first is drawn.")
+        facts.append(f"The global route was laid {len(drive.log.routes):,} times.")
     if drive.log.cut is not None:
         facts.append("The log was cut: the drive is shown up to there.")
     return facts

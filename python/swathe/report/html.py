@@ -36,11 +36,11 @@ class RunFolder:
     drive_base64: dict[str, str] = field(default_factory=dict)
 
 
-def write_html(folder: Path | str) -> Path:
+def write_html(folder: Path | str, *, log: Path | None = None) -> Path:
     """Write ``report.html`` into a run's folder from its summary, route, nests and pictures, and return its path.
 
-    Only ``summary.json`` must be there. The page is written in one step and holds no time of writing, so that equal
-    folders give equal pages.
+    ``log`` is the log of a drive where it is not in the folder. Only ``summary.json`` must be there. The page is
+    written in one step and holds no time of writing, so that equal folders give equal pages.
 
     Raises:
         MissingFileError: the folder does not exist or holds no ``summary.json``.
@@ -48,15 +48,15 @@ def write_html(folder: Path | str) -> Path:
         OutputError: the page cannot be written.
     """
     root = Path(folder)
-    text = page(read_run_folder(root))
+    text = page(read_run_folder(root, log))
     target = root / "report.html"
     with replacing(target) as stream:
         stream.write(text.encode("utf-8"))
     return target
 
 
-def read_run_folder(folder: Path) -> RunFolder:
-    """Read a run's folder.
+def read_run_folder(folder: Path, log: Path | None = None) -> RunFolder:
+    """Read a run's folder; ``log`` as in ``write_html``.
 
     Raises:
         MissingFileError, InputError, UnreadableFileError: as ``write_html``.
@@ -76,7 +76,8 @@ def read_run_folder(folder: Path) -> RunFolder:
         raise UnreadableFileError(f"{folder / 'summary.json'} is not a summary of a run.", remedy)
     from swathe.runlog import RunLog
 
-    log = RunLog.read(folder / RUN_LOG) if (folder / RUN_LOG).exists() else None
+    logged = folder / RUN_LOG if log is None else log
+    drive = RunLog.read(logged) if logged.exists() else None
     pictures = {name: _read_picture(folder / name) for name in DRIVE_PICTURES}
     return RunFolder(
         summary=summary,
@@ -84,8 +85,8 @@ def read_run_folder(folder: Path) -> RunFolder:
         nests=_properties(_read_json(folder / "nests.geojson")),
         map_base64=_read_picture(folder / "map.png"),
         profile_base64=_read_picture(folder / "profile.png"),
-        events=() if log is None else tuple(log.events),
-        cut=None if log is None else log.cut,
+        events=() if drive is None else tuple(drive.events),
+        cut=None if drive is None else drive.cut,
         drive_base64={name: content for name, content in pictures.items() if content is not None},
     )
 
