@@ -20,6 +20,7 @@ __all__ = [
     "export",
     "grid",
     "io",
+    "local",
     "mission",
     "nest",
     "planner",

@@ -16,6 +16,7 @@ use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
+use super::wall::Walk;
 use super::watch::Watch;
 
 /// Greatest coordinate, in metres, and speed that count as usable.
@@ -60,6 +61,7 @@ pub struct Navigator {
     pub(super) around: Surroundings,
     pub(super) watch: Watch,
     pub(super) recovery: Option<Recovery>,
+    pub(super) walk: Walk,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -131,6 +133,7 @@ impl Navigator {
             around: Surroundings::default(),
             watch: Watch::default(),
             recovery: None,
+            walk: Walk::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -353,6 +356,7 @@ impl Navigator {
     pub(super) fn start_over(&mut self) {
         self.watch.restart();
         self.recovery = None;
+        self.walk = Walk::default();
         self.attempts = 0;
         self.all_attempts = 0;
         self.trap_at = None;
@@ -377,11 +381,11 @@ impl Navigator {
     /// Says so when the map knows no way to the goal, and waits for better news.
     fn cut_off(&mut self) -> Option<((f64, f64), Status, Reason)> {
         let region = self.region.as_ref()?;
-        if self.recovery.is_some() || !region.is_cut_off() {
+        let is_off = !region.lets_arrive(self.goal, self.params.arrival_m);
+        if self.recovery.is_some() || !(is_off || region.is_cut_off()) {
             return None;
         }
         self.watch.restart();
-        let is_off = !matches!(region.rank(self.goal), Some(rank) if rank != 1);
         let reason = if is_off { Reason::GoalOffMap } else { Reason::CutOff };
         Some(((0.0, 0.0), Status::NoRoute, reason))
     }

@@ -191,6 +191,15 @@ impl RegionState {
         !self.leaving_no_go && (self.rank(at) == Some(1) || blocks && !self.in_nest(at))
     }
 
+    /// Whether ground that may be driven on lies within the arrival distance of a goal.
+    pub fn lets_arrive(&self, goal: Position, arrival_m: f64) -> bool {
+        let around = [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+        around.into_iter().any(|(east, north)| {
+            let place = Position::new(goal.x_m + east * arrival_m, goal.y_m + north * arrival_m);
+            !matches!(self.rank(place), None | Some(1))
+        })
+    }
+
     /// Whether a place lies in a nest.
     pub fn in_nest(&self, at: Position) -> bool {
         self.grids.navigable(at, 0.0, &self.point).navigable()
