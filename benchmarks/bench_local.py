@@ -1,7 +1,8 @@
 """An update of VFH+: window of 61 cells, sectors of 5 degrees, contents that a histogram may find hard.
 
-The peer is the method of Player's ``vfh`` driver, which does the same job from the present scan, as ``swathe.local`` has it. The
-driver's own code took 37 to 50 us an update where we measured it; 10 us are asked for, so the ratio must be about 4.
+The peer is the method of Player's ``vfh`` driver, which does the same job from the present scan, as ``swathe.local``
+has it. The driver's own code took 37 to 50 us an update where we measured it; 10 us are asked for, so the ratio must be
+about 4.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from harness import Benchmark, Contender
 
 if TYPE_CHECKING:

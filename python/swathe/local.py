@@ -53,7 +53,7 @@ class Body:
 
 
 class VfhPlus:
-    """VFH+ of Ulrich and Borenstein, ICRA 1998, on windows of certainties from 0 to 15, the robot in the cell in the middle."""
+    """VFH+ of Ulrich and Borenstein, ICRA 1998, on windows of certainties (0 to 15) around the robot's cell."""
 
     def __init__(
         self,
@@ -89,10 +89,8 @@ class VfhPlus:
         direction_rad, crowding, width_rad = self.steer_all(np.asarray(window)[None], heading_rad, target_rad, body)[0]
         return Steering(None if math.isnan(direction_rad) else float(direction_rad), float(crowding), float(width_rad))
 
-    def steer_all(
-        self, windows: ArrayLike, heading_rad: float, target_rad: float, body: Body
-    ) -> NDArray[np.float64]:
-        """Steer through windows one after the other; a row of direction (NaN where closed), crowding and width for each.
+    def steer_all(self, windows: ArrayLike, heading_rad: float, target_rad: float, body: Body) -> NDArray[np.float64]:
+        """Steer through windows one after the other; rows of direction (NaN where closed), crowding and width.
 
         Raises:
             ShapeMismatchError: the windows are not of this method's size.
@@ -108,11 +106,13 @@ class VfhPlus:
             raise InvalidParameterError(f"A certainty of {cells.max()} is not usable.", "Certainties go from 0 to 15.")
         figures = (body.enlarged_m, *body.turn_radius_m, body.reaction_m)
         if not all(0 <= figure < math.inf for figure in figures) or not math.isfinite(heading_rad + target_rad):
-            raise InvalidParameterError("A figure of the robot is not usable.", "All must be finite, lengths 0 or above.")
+            raise InvalidParameterError(
+                "A figure of the robot is not usable.", "All must be finite, lengths not below 0."
+            )
         return self._core.steer(cells.reshape(len(cells), side * side), heading_rad, target_rad, figures)
 
     def histogram(self) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return density, blocked and masked sectors of the last step; sector k points k times the sector's angle off east."""
+        """Return density, blocked and masked sectors of the last step; sector k lies k sectors left of east."""
         return self._core.histogram()
 
 

@@ -331,7 +331,7 @@ fn without_a_memory_a_wall_is_followed_out_of_a_trap_and_around_a_ring_it_is_giv
         drive.params.memory = false;
         drive.params.most_recoveries = 3;
         drive.params.follow_walls = wall_is_followed;
-        drive.seconds = 400.0;
+        drive.seconds = 1500.0;
         drive.run()
     };
     let follows = |outcome: &Outcome| {

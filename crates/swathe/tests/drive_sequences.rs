@@ -87,7 +87,7 @@ fn map() -> Region {
 const STEP_S: f64 = 0.1;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn whatever_happens_commands_keep_every_limit(
         steps in prop::collection::vec(happens(), 20..120),

@@ -75,6 +75,8 @@ pub struct Navigator {
     last: Option<(f64, Pose)>,
     /// Seconds since the step before, as far as they count.
     step_s: f64,
+    /// Time of the last command, whatever it was given for.
+    told_s: Option<f64>,
     pub(super) scan_time_s: Option<f64>,
     pub(super) refused: Option<Reason>,
     pub(super) last_ranges: Vec<f64>,
@@ -145,6 +147,7 @@ impl Navigator {
             news: Vec::new(),
             last: None,
             step_s: FIRST_STEP_S,
+            told_s: None,
             scan_time_s: None,
             refused: None,
             last_ranges: Vec::new(),
@@ -224,6 +227,7 @@ impl Navigator {
         let before = (self.last_command.status, self.reason);
         let (wanted, status, reason) = self.decide(seen);
         let command = self.limited(wanted, status, seen);
+        self.told_s = seen.time_s.is_finite().then_some(seen.time_s).or(self.told_s);
         if before != (status, reason) {
             self.events.push(Event::Status { status, reason });
         }
@@ -429,9 +433,13 @@ impl Navigator {
         let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
         let (wanted_mps, turn_radps) = (finite(wanted_mps), finite(turn_radps));
         let told_mps = self.last_command.speed_mps;
+        let since_s = self
+            .told_s
+            .map_or(self.step_s, |told_s| finite(seen.time_s - told_s).max(0.0));
+        let step_s = self.step_s.min(since_s);
         let speed_mps = self
             .shape
-            .reachable(wanted_mps, finite(seen.speed_mps), told_mps, self.step_s);
+            .reachable(wanted_mps, finite(seen.speed_mps), told_mps, step_s);
         // What is slower than wanted keeps to the same arc.
         let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
         Command {

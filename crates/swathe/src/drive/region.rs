@@ -353,7 +353,9 @@ impl Ground for RegionState {
             };
             for row in down..(down + BLOCK).min(rows) {
                 let line = &mut factors[row * columns + right..row * columns + (right + BLOCK).min(columns)];
-                line.iter_mut().for_each(|factor| *factor *= outside);
+                for factor in line {
+                    *factor *= outside;
+                }
             }
         }
         factors
