@@ -170,6 +170,15 @@ impl SoilBelief {
         }
     }
 
+    /// The cone index in kPa that a push on a class of [`CLASSES`] is expected to find at a cell today: its strength by
+    /// moisture and what was measured, before remoulding. `None` for rock, no ground and places beyond the last class.
+    pub fn expected_cone_index_kpa(&self, cell: Cell, class: usize, going: &Going) -> Option<f64> {
+        let soil = self.params().types.0.get(class)?;
+        let table_kpa = going.strengths_kpa[class];
+        let is_measured = table_kpa.is_finite() && table_kpa > 0.0;
+        is_measured.then(|| self.strength_kpa(cell, class, table_kpa) / soil.remoulding_index)
+    }
+
     /// What a vehicle may count on at a cell that a soil map says to be of a class, to be ranked like the map.
     ///
     /// Where nothing was measured or told the map's word stands, as a plan takes it. What was measured must speak against

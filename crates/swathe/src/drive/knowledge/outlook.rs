@@ -100,7 +100,7 @@ impl Knowledge {
         if chance < LEAST_CHANCE {
             return 0;
         }
-        let Some(after) = self.foreseen(outlook.site.at, class, STRENGTHS[strength]) else {
+        let Some(after) = self.foreseen(outlook.site, class, STRENGTHS[strength]) else {
             return 0;
         };
         let (belief, cells) = after;
@@ -137,29 +137,34 @@ impl Knowledge {
         work + 2 * done.touched.len() as u64
     }
 
-    /// The belief after a reading of a class that is some standard deviations stronger than usual, and the cells it touches.
-    fn foreseen(&self, at: Position, class: usize, deviations: f64) -> Option<(SoilBelief, Vec<u32>)> {
+    /// The belief after a reading of a class that is some standard deviations stronger than is expected of it today, and
+    /// the cells it touches.
+    fn foreseen(&self, site: ProbeSite, class: usize, deviations: f64) -> Option<(SoilBelief, Vec<u32>)> {
         let mut belief = self.belief.clone();
-        let observation = if CLASSES[class] == SoilClass::None {
-            Observation::Class {
-                at,
-                class: SoilClass::None,
-            }
-        } else {
-            let soil = belief.params().types.0[class];
-            let spread = soil.cone_index_ln_kpa;
-            let middle_kpa = (spread.mean + deviations * spread.deviation).exp();
-            let is_refused = soil.refusal >= 0.5;
-            let sample =
-                |depth: f64| (middle_kpa + soil.gradient_kpa_per_m.mean * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
+        let at = site.at;
+        let reading = |cone_indices_kpa: Vec<f64>, refusal_depth_m| {
             Observation::Reading(PenetrometerReading {
                 x_m: at.x_m,
                 y_m: at.y_m,
-                depths_m: DEPTHS_M.to_vec(),
-                cone_indices_kpa: DEPTHS_M.map(sample).to_vec(),
-                refusal_depth_m: is_refused.then_some(0.5 * DEPTHS_M[0]),
+                depths_m: DEPTHS_M[..cone_indices_kpa.len()].to_vec(),
+                cone_indices_kpa,
+                refusal_depth_m,
                 sleeve_frictions_kpa: None,
             })
+        };
+        let observation = match (
+            belief.expected_cone_index_kpa(site.cell, class, &self.going),
+            CLASSES[class],
+        ) {
+            (Some(usual_kpa), _) => {
+                let params = belief.params();
+                let middle_kpa = usual_kpa * (deviations * params.table_spread_ln).exp();
+                let rise_kpa_per_m = params.types.0[class].gradient_kpa_per_m.mean;
+                let sample = |depth: f64| (middle_kpa + rise_kpa_per_m * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
+                reading(DEPTHS_M.map(sample).to_vec(), None)
+            }
+            (None, SoilClass::Rock) => reading(Vec::new(), Some(0.5 * DEPTHS_M[0])),
+            (None, class) => Observation::Class { at, class },
         };
         let changed = belief.add(&observation).ok()?;
         Some((belief, changed.cells))
