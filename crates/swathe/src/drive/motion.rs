@@ -8,7 +8,7 @@ use super::event::Event;
 use super::navigator::Navigator;
 use super::params::REST_MPS;
 use super::region::RegionState;
-use super::safety::Sight;
+use super::safety::{Sight, along};
 use super::steer::Situation;
 
 /// Off the wanted direction by this much, a robot that can turns in place.
@@ -166,8 +166,26 @@ impl Navigator {
             .free_m(shape, curvature, forward, reach_m, |ahead_m, left_m| {
                 sight.has(ahead_m, left_m)
             });
+        let free_m = free_m.min(self.allowed_m(&now.pose, curvature, forward, reach_m));
         let buffer_m = 0.5 * self.grid.params().cell_size_m;
         shape.speed_for(free_m - buffer_m, braking_mps2, now.age_s + now.step_s.min(0.5))
+    }
+
+    /// Metres along an arc before the middle of the robot would come onto ground that the map forbids.
+    fn allowed_m(&self, pose: &Pose, curvature_per_m: f64, forward: bool, reach_m: f64) -> f64 {
+        let Some(region) = self.region.as_ref() else {
+            return reach_m;
+        };
+        let step_m = self.grid.params().cell_size_m;
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        let side = if forward { 1.0 } else { -1.0 };
+        let steps = (reach_m / step_m).ceil() as usize;
+        let forbidden = (1..=steps).find(|&k| {
+            let (ahead_m, left_m, _) = along(curvature_per_m, side * k as f64 * step_m);
+            let (east_m, north_m) = (cos * ahead_m - sin * left_m, sin * ahead_m + cos * left_m);
+            region.forbids(Position::new(pose.x_m + east_m, pose.y_m + north_m))
+        });
+        forbidden.map_or(reach_m, |k| (k - 1) as f64 * step_m)
     }
 
     /// Braking on the slope that the robot stands on: what it does on the level as long as its wheels hold, as the planner and the

@@ -19,6 +19,12 @@ const BLOCK: usize = 4;
 /// Speed outside the nests, as a share of the usual.
 const OUTSIDE_SPEED: f64 = 0.5;
 
+/// Radii of the footprint's circle nearer than which no slope closes a direction: obstacles are made wider by one.
+const SLOPE_RADII: f64 = 4.0;
+
+/// Directions in which slopes are looked at.
+const SLOPE_DIRECTIONS: usize = 96;
+
 /// How far a safe nest is looked for, in metres.
 const RETREAT_M: f64 = 60.0;
 
@@ -86,6 +92,7 @@ pub(super) struct RegionState {
     footprint: Footprint,
     point: Footprint,
     outside: OutsideNests,
+    radius_m: f64,
     /// Whether no-go ground may be crossed, to leave it.
     pub leaving_no_go: bool,
 }
@@ -99,6 +106,7 @@ impl RegionState {
             footprint: Footprint::of_vehicle(vehicle)?,
             point: Footprint::circle(0.0)?,
             outside: params.outside_nests,
+            radius_m: vehicle.circumscribed_radius_m(),
             leaving_no_go: false,
             source,
         })
@@ -164,7 +172,55 @@ impl RegionState {
                 }
             }
         }
+        self.close_slopes(at, cell_size_m, window, closed) || any
+    }
+
+    /// The same for ground whose slope the vehicle must not drive on in the direction in which it lies.
+    fn close_slopes(&self, at: Position, cell_size_m: f64, window: &mut [u8], closed: u8) -> bool {
+        let Some(knowledge) = self.knowledge() else {
+            return false;
+        };
+        let side = window.len().isqrt();
+        let half = (side / 2) as f64;
+        let reach_m = (half * cell_size_m).max(cell_size_m);
+        if knowledge.is_gentle_around(at, reach_m) {
+            return false;
+        }
+        let near_m = (SLOPE_RADII * self.radius_m).min(0.7 * reach_m);
+        let mut any = false;
+        for k in 0..SLOPE_DIRECTIONS {
+            let heading_rad = k as f64 * std::f64::consts::TAU / SLOPE_DIRECTIONS as f64;
+            let (sin, cos) = heading_rad.sin_cos();
+            for step in 0.. {
+                let away_m = near_m + f64::from(step) * cell_size_m;
+                if away_m > reach_m {
+                    break;
+                }
+                let (right, down) = (away_m * cos, -away_m * sin);
+                if self.slope_forbids(Position::new(at.x_m + right, at.y_m - down), heading_rad) {
+                    let place = |offset_m: f64| ((offset_m / cell_size_m).round() + half) as usize;
+                    if let Some(cell) = window.get_mut(place(down) * side + place(right)) {
+                        *cell = closed;
+                        any = true;
+                    }
+                }
+            }
+        }
         any
+    }
+
+    /// Whether the slope of a place must not be driven on with a heading.
+    fn slope_forbids(&self, at: Position, heading_rad: f64) -> bool {
+        let Some(knowledge) = self.knowledge().filter(|_| !self.leaving_no_go) else {
+            return false;
+        };
+        let cell = knowledge.geometry().cell_at(at);
+        cell.is_some_and(|cell| !knowledge.slope_allows(cell, heading_rad))
+    }
+
+    /// Whether the map closes a place that lies some metres away in a direction.
+    pub fn forbids_towards(&self, at: Position, heading_rad: f64, away_m: f64) -> bool {
+        self.forbids(at) || (away_m >= SLOPE_RADII * self.radius_m && self.slope_forbids(at, heading_rad))
     }
 
     /// The same for ground outside the nests, asked once for every few cells.

@@ -116,7 +116,7 @@ impl Surroundings {
 }
 
 /// Place and turn after some metres of an arc.
-fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
+pub(super) fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
     let turn = curvature_per_m * way_m;
     if turn.abs() < 1e-6 {
         (way_m, 0.0, turn)

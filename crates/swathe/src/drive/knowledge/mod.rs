@@ -16,7 +16,7 @@ use crate::belief::{Going, Observation, PerClass, SoilBelief, SoilUpdate};
 use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{NestParams, Nests};
 use crate::planner::Headings;
-use crate::rank::{CellSource, RankParams, Ranker};
+use crate::rank::{CellSource, Profile, RankParams, Ranker};
 use crate::sensor::PenetrometerReading;
 use crate::soil::SoilClass;
 use crate::terrain::{allowed_headings, gradient_at};
@@ -157,8 +157,11 @@ impl Knowledge {
             grade_up, grade_down, ..
         } = map.vehicle;
         let side_slope = map.vehicle.max_side_slope();
-        let slope =
-            |cell| gradient_at(heights, cell).map_or(0, |it| allowed_headings(it, grade_up, grade_down, side_slope));
+        let slope = |cell| match map.rank.profile {
+            // The literal profile follows the paper's tables alone.
+            Profile::Literal => u16::MAX,
+            _ => gradient_at(heights, cell).map_or(0, |it| allowed_headings(it, grade_up, grade_down, side_slope)),
+        };
         let slopes = geometry.cells().map(slope).collect();
         let slopes = Layer::new(geometry, slopes, "the slopes").map_err(crate::rank::RankError::from)?;
         let mut knowledge = Self {
@@ -259,8 +262,27 @@ impl Knowledge {
         if self.ranks[cell] == 0 {
             return true;
         }
+        let allowed = self.slopes[cell];
         // The directions of the steps are not evenly spaced: the nearest is looked up.
-        self.slopes[cell] >> nearest_heading(heading_rad) & 1 == 1
+        allowed == u16::MAX || allowed >> nearest_heading(heading_rad) & 1 == 1
+    }
+
+    /// Whether the slopes of all known cells around a place allow every heading.
+    pub(super) fn is_gentle_around(&self, at: Position, reach_m: f64) -> bool {
+        let geometry = self.geometry();
+        let (row, column) = geometry.fractional(at);
+        let reach = reach_m / geometry.cell_size_m();
+        let range = |middle: f64, count: usize| {
+            let bound = |value: f64| value.clamp(0.0, count as f64) as usize;
+            bound((middle - reach).floor())..bound((middle + reach).ceil())
+        };
+        let columns = range(column, geometry.columns());
+        range(row, geometry.rows()).all(|row| {
+            let cell = |column| Cell::new(row, column);
+            columns
+                .clone()
+                .all(|column| self.slopes[cell(column)] == u16::MAX || self.ranks[cell(column)] == 0)
+        })
     }
 
     /// Probability of each of [`crate::belief::CLASSES`] at a place, and of ground that does not carry the vehicle; `None`
