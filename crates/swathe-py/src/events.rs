@@ -22,6 +22,29 @@ fn place(fields: &Bound<PyDict>, at: Position) -> PyResult<()> {
     fields.set_item("y_m", at.y_m)
 }
 
+fn recovery_fields(fields: &Bound<PyDict>, recovery: Recovery) -> PyResult<()> {
+    match recovery {
+        Recovery::TurnInPlace { left_rad } => {
+            fields.set_item("recovery", "turn_in_place")?;
+            fields.set_item("left_rad", left_rad)?;
+        }
+        Recovery::BackOff { left_m } => {
+            fields.set_item("recovery", "back_off")?;
+            fields.set_item("left_m", left_m)?;
+        }
+        Recovery::FollowWall { from, on_left } => {
+            fields.set_item("recovery", "follow_wall")?;
+            fields.set_item("on_left", on_left)?;
+            place(fields, from)?;
+        }
+        Recovery::Retreat { to } => {
+            fields.set_item("recovery", "retreat")?;
+            place(fields, to)?;
+        }
+    }
+    Ok(())
+}
+
 /// The fields of an event, without its kind and time.
 pub(crate) fn event_fields<'py>(py: Python<'py>, event: &Event) -> PyResult<Bound<'py, PyDict>> {
     let fields = PyDict::new(py);
@@ -49,20 +72,7 @@ pub(crate) fn event_fields<'py>(py: Python<'py>, event: &Event) -> PyResult<Boun
         Event::LocalClosed | Event::ReadingRefused => {}
         Event::Recovery { recovery, attempt } => {
             fields.set_item("attempt", attempt)?;
-            match *recovery {
-                Recovery::TurnInPlace { left_rad } => {
-                    fields.set_item("recovery", "turn_in_place")?;
-                    fields.set_item("left_rad", left_rad)?;
-                }
-                Recovery::BackOff { left_m } => {
-                    fields.set_item("recovery", "back_off")?;
-                    fields.set_item("left_m", left_m)?;
-                }
-                Recovery::Retreat { to } => {
-                    fields.set_item("recovery", "retreat")?;
-                    place(&fields, to)?;
-                }
-            }
+            recovery_fields(&fields, *recovery)?;
         }
         Event::Stamped { at } => place(&fields, *at)?,
         Event::WindowGrown { cells } => fields.set_item("cells", cells)?,

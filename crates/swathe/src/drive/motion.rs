@@ -188,7 +188,8 @@ impl Navigator {
         forbidden.map_or(reach_m, |k| (k - 1) as f64 * step_m)
     }
 
-    /// Braking on the slope that the robot stands on: the brakes hold what pulls downhill, as far as the ground does.
+    /// Braking on the slope that the robot stands on: what it does on the level as long as its wheels hold, as the planner and the
+    /// simulated body have it.
     fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
         let uphill = if forward { pose.pitch_rad } else { -pose.pitch_rad };
         let grip = self.shape.braking_friction * uphill.cos() + uphill.sin();
