@@ -20,6 +20,13 @@ const TURN_GAIN: f64 = 2.0;
 /// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
 const CAREFUL_SHARE: f64 = 0.25;
 
+/// Off the way by this much, the local method is only asked after the way itself, at this share of the greatest speed.
+const STRAY_RAD: f64 = 0.7;
+const STRAY_SHARE: f64 = 0.5;
+
+/// Distance kept at rest, beside the half cell by which obstacles are known, in narrow gaps and at least, in metres.
+const SQUEEZE_MARGIN_M: f64 = 0.02;
+
 /// Seconds at rest with nothing to do but wait that call for a recovery.
 const BLOCKED_S: f64 = 1.5;
 
@@ -52,7 +59,23 @@ impl Now<'_> {
 impl Navigator {
     /// Distance kept from obstacles at a speed.
     pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
-        self.params.margin_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+        // Obstacles are known to half a cell.
+        let half_m = 0.5 * self.grid.params().cell_size_m;
+        let rest_m = if self.squeezes_from.is_some() {
+            self.params.margin_m.min(SQUEEZE_MARGIN_M)
+        } else {
+            (self.params.margin_m - half_m).max(SQUEEZE_MARGIN_M)
+        };
+        rest_m + half_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+    }
+
+    /// How much less than the circle around the footprint the local method makes room for.
+    fn slimmer_m(&self) -> f64 {
+        if self.squeezes_from.is_some() {
+            self.shape.radius_m - self.shape.half_width_m
+        } else {
+            0.0
+        }
     }
 
     /// Chooses where to, how fast, and checks that it is safe.
@@ -73,16 +96,21 @@ impl Navigator {
                 step_s: now.step_s,
                 target,
                 region: self.region.as_ref(),
-                margin_m: self.margin_m(now.speed_mps),
+                margin_m: self.margin_m(now.speed_mps) - self.slimmer_m(),
             },
         );
         let target_rad = (target.y_m - at.y_m).atan2(target.x_m - at.x_m);
-        let mut directions = Vec::with_capacity(3);
+        let mut directions = Vec::with_capacity(4);
         // The histogram does not know that obstacles behind the goal do not matter.
         let is_last = at.distance_m(now.aim) <= lookahead_m;
         if is_last && self.window.as_ref().is_some_and(|window| window.sees(at, now.aim)) {
             let aim_rad = wrap(now.pose.heading_rad + now.off_rad());
             directions.push((aim_rad, 1.0 - 0.8 * steering.crowding));
+        }
+        // A histogram that turns away from an open way would lead to and fro.
+        let strays = |direction_rad: f64| wrap(direction_rad - target_rad).abs() > STRAY_RAD;
+        if self.params.memory && on_way.is_some() && steering.direction_rad.is_some_and(strays) {
+            directions.push((target_rad, STRAY_SHARE));
         }
         match steering.direction_rad {
             Some(direction_rad) => directions.push((direction_rad, 1.0 - 0.8 * steering.crowding)),
@@ -114,6 +142,11 @@ impl Navigator {
             return self.turn(now, off_rad);
         }
         let turning = (wanted_turn / shape.max_turn_rate_radps).abs();
+        let share = if self.squeezes_from.is_some() {
+            share.min(CAREFUL_SHARE)
+        } else {
+            share
+        };
         let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim);

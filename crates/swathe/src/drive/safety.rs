@@ -40,7 +40,9 @@ impl Surroundings {
             let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
             let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
             self.points.push((ahead, left));
-            self.margins.push((beyond - 0.2 * size).min(margin_m));
+            // What is near already may come a little nearer, but not by less than it is known to.
+            let least_m = (0.5 * size).min(beyond - 0.02 * size);
+            self.margins.push((beyond - 0.2 * size).max(least_m).min(margin_m));
         });
     }
 
@@ -105,7 +107,8 @@ impl Surroundings {
                 let (ahead, left) = (cos * px + sin * py, cos * py - sin * px);
                 let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
                 // In place half a margin is enough: nothing is approached at speed.
-                if beyond < (0.5 * margin_m).max(0.0) {
+                let enough_m = (0.5 * margin_m).max(margin_m.min(0.5 * self.cell_size_m));
+                if beyond < enough_m.max(0.0) {
                     return free_rad;
                 }
             }
