@@ -361,8 +361,8 @@ def _pair(first: str, one: Sequence[MapRow], second: str, other: Sequence[MapRow
         sum(a.status == "reached" != b.status for a, b in both),
     )
     words = (
-        f"{second} against {first}, {len(both)} seeds: median time saved {middle:.1f} s ({low:.1f} to {high:.1f}) where "
-        f"both reached it, {mean:.2f} fewer times on no-go ground a run; only {second} reached it {only[0]} "
+        f"{second} against {first}, {len(both)} seeds: median time saved {middle:.1f} s ({low:.1f} to {high:.1f}) "
+        f"where both reached it, {mean:.2f} fewer times on no-go ground a run; only {second} reached it {only[0]} "
         f"times, only {first} {only[1]} times."
     )
     return {
