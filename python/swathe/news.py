@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swathe.episode import Event
-from swathe.errors import InvalidParameterError
+from swathe.errors import UsageError
 from swathe.soil import SoilClass
 from swathe.soil_feed import SoilUpdate, parse_update
 from swathe.truth import place_of
@@ -92,7 +92,7 @@ class NewsDesk:
         told = {**record_of(update), **more}
         try:
             self._navigator.learn_soil(update)
-        except InvalidParameterError as error:
+        except UsageError as error:
             return Event(time_s, REFUSED, {**told, "reason": error.message})
         return Event(time_s, NEWS, told)
 
