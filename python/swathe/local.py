@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class VfhPlus:
                 "A figure of the robot is not usable.", "All must be finite, lengths not below 0."
             )
         told = self._core.steer(cells.reshape(len(cells), side * side), heading_rad, target_rad, figures)
-        return np.asarray(told)
+        return cast("NDArray[np.float64]", told)
 
     def histogram(self) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
         """Return density, blocked and masked sectors of the last step; sector k lies k sectors left of east."""
@@ -147,8 +147,8 @@ class PlayerVfh:
         if rows.ndim != _DIMENSIONS - 1:
             raise ShapeMismatchError(f"Ranges of the shape {rows.shape} do not fit.", "Give one row for each scan.")
         fan = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m)
-        return np.asarray(self._core.update(rows, fan, speed_mps, goal_rad, step_s))
+        return cast("NDArray[np.float64]", self._core.update(rows, fan, speed_mps, goal_rad, step_s))
 
     def histogram(self) -> NDArray[np.float64]:
         """Return the density of every sector in the last step, from the nose on counter-clockwise."""
-        return np.asarray(self._core.histogram())
+        return cast("NDArray[np.float64]", self._core.histogram())

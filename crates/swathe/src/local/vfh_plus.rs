@@ -128,7 +128,7 @@ pub struct VfhPlus {
     cells: Cells,
     /// For the turning circles, by groups of [`LANES`] cells: east and north of their directions, their distances in cells, and
     /// one over those. Cells outside the circle and the one in the middle are never inside a turning circle.
-    turning: Vec<f32>,
+    turning: Vec<[[f32; LANES]; 4]>,
     /// a - b d² of every cell; 0 outside the circle and in the middle.
     weights: Vec<i32>,
     tables: Vec<Table>,
@@ -155,21 +155,23 @@ impl VfhPlus {
                 (a - d * d).round().max(0.0) as i32
             }
         };
-        let mut turning = Vec::new();
         let count = cells.beta_rad.len();
-        for group in (0..count).step_by(LANES) {
+        let group = |first: usize| {
             let part = |figure: &dyn Fn(usize) -> f64, padding: f32| {
-                let figure = |cell: usize| {
+                std::array::from_fn(|lane| {
+                    let cell = first + lane;
                     let counts = cell < count && weight(&cells.from_middle[cell]) > 0;
                     if counts { figure(cell) as f32 } else { padding }
-                };
-                (group..group + LANES).map(figure).collect::<Vec<f32>>()
+                })
             };
-            turning.extend(part(&|cell| cells.beta_rad[cell].cos(), 0.0));
-            turning.extend(part(&|cell| cells.beta_rad[cell].sin(), 0.0));
-            turning.extend(part(&|cell| cells.from_middle[cell], f32::MAX));
-            turning.extend(part(&|cell| 1.0 / cells.from_middle[cell], 0.0));
-        }
+            [
+                part(&|cell| cells.beta_rad[cell].cos(), 0.0),
+                part(&|cell| cells.beta_rad[cell].sin(), 0.0),
+                part(&|cell| cells.from_middle[cell], f32::MAX),
+                part(&|cell| 1.0 / cells.from_middle[cell], 0.0),
+            ]
+        };
+        let turning = (0..count).step_by(LANES).map(group).collect();
         Self {
             turning,
             weights: cells.from_middle.iter().map(weight).collect(),
@@ -342,12 +344,8 @@ impl VfhPlus {
         let sure = self.params.sure;
         // The greatest cosine of a cell that blocks is the least angle off the heading.
         let (mut most_left, mut most_right) = ([-2.0f32; LANES], [-2.0f32; LANES]);
-        let lanes = self.turning.chunks_exact(4 * LANES).zip(window.chunks(LANES));
-        for (cells, certainties) in lanes {
-            let (mut wide, [east, north, away, over]) = (
-                [0u8; LANES],
-                [0, 1, 2, 3].map(|part| &cells[part * LANES..(part + 1) * LANES]),
-            );
+        for ([east, north, away, over], certainties) in self.turning.iter().zip(window.chunks(LANES)) {
+            let mut wide = [0u8; LANES];
             wide[..certainties.len()].copy_from_slice(certainties);
             for lane in 0..LANES {
                 let c = east[lane] * cos + north[lane] * sin;
