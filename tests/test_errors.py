@@ -182,7 +182,11 @@ CORE_ERRORS: dict[str, tuple[type[SwatheError], str, str]] = {
         "A reading must name a soil class; unknown soil is none.",
         "Give gravel, sand, clay, silt, rock or none.",
     ),
-    "drive.rank": (InvalidParameterError, "Rank 11 is not one of 0 (unknown), 1 (no-go), 2 to 10.", "Give ranks as swathe.rank makes them."),
+    "drive.rank": (
+        InvalidParameterError,
+        "Rank 11 is not one of 0 (unknown), 1 (no-go), 2 to 10.",
+        "Give ranks as swathe.rank makes them.",
+    ),
     "drive.no_knowledge": (
         InvalidParameterError,
         "The navigator's region cannot learn: it holds finished ranks, or there is none.",

@@ -21,6 +21,7 @@ __all__ = [
     "export",
     "grid",
     "io",
+    "local",
     "mission",
     "nest",
     "planner",

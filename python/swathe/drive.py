@@ -300,8 +300,7 @@ class Navigator:
         """Return what to do, given what the robot senses; input that cannot be used leads to a stop with its reason."""
         ranges, figures = None, [0.0] * 7
         if scan is not None:
-            ranges = np.ascontiguousarray(scan.ranges_m, dtype=np.float64).ravel()
-            figures = [scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m, *scan.mount]
+            ranges, figures = _figures_of(scan)
         probe = None
         if reading is not None:
             depths, indices = list(reading.depths_m), list(reading.cone_indices_kpa)
@@ -311,6 +310,21 @@ class Navigator:
         place = (pose.x_m, pose.y_m, pose.heading_rad, pose.pitch_rad, pose.roll_rad)
         told = self._core.step(time_s, place, (speed_mps, turn_rate_radps), ranges, figures, probe)
         return Command(told[0], told[1], cast("Status", told[2]), told[3])
+
+    def sense(self, time_s: float, pose: Pose, scan: Scan, *, cone_rad: float = 0.0) -> str | None:
+        """Take in what another sensor sees between the steps, and return why it was left out, or None.
+
+        A cone of a sonar ring or a second laser counts like the scan of a step, and may be all that the robot has.
+
+        Args:
+            time_s: when it was taken, on the clock of the steps.
+            pose: where the robot was then.
+            scan: what the sensor saw; one beam for a cone.
+            cone_rad: width of a beam. Up to its range the whole cone is free; what it met counts in its middle.
+        """
+        ranges, figures = _figures_of(scan)
+        place = (pose.x_m, pose.y_m, pose.heading_rad, pose.pitch_rad, pose.roll_rad)
+        return self._core.sense(time_s, place, ranges, figures, cone_rad)
 
     def set_goal(self, goal: tuple[float, float]) -> None:
         """Drive to another goal from now on; what was seen and learnt is kept.
@@ -404,6 +418,11 @@ def _grids(mode: GridMode, vehicle: Vehicle, rank_min: int) -> dict[str, Any]:
     size_m = 2 * vehicle.circumscribed_radius_m
     usual = {"reading": "side", "phases": None, "window_cells": None}
     return usual | {"size_m": size_m, "mode": mode, "rank_min": rank_min}
+
+
+def _figures_of(scan: Scan) -> tuple[NDArray[np.float64], list[float]]:
+    figures = [scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m, *scan.mount]
+    return np.ascontiguousarray(scan.ranges_m, dtype=np.float64).ravel(), figures
 
 
 def _map_of(region: Region | None, vehicle: Vehicle) -> tuple[Any, ...] | None:

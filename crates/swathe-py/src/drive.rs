@@ -84,6 +84,46 @@ type UpdateRow = (
     Option<f64>,
 );
 
+/// x, y, heading, pitch, roll.
+type PoseFigures = (f64, f64, f64, f64, f64);
+
+fn pose_of((x_m, y_m, heading_rad, pitch_rad, roll_rad): PoseFigures) -> Pose {
+    Pose {
+        x_m,
+        y_m,
+        heading_rad,
+        pitch_rad,
+        roll_rad,
+    }
+}
+
+/// A scan of ranges and first angle, angle between beams, least and greatest range, mount.
+fn scan_of(ranges_m: &PyReadonlyArray1<'_, f64>, figures: [f64; 7]) -> PyResult<Scan> {
+    let Ok(ranges_m) = ranges_m.as_slice() else {
+        return Err(invalid(
+            "The ranges are not contiguous.".to_owned(),
+            "Use numpy.ascontiguousarray.",
+        ));
+    };
+    let [
+        angle_min_rad,
+        angle_increment_rad,
+        range_min_m,
+        range_max_m,
+        x_m,
+        y_m,
+        heading_rad,
+    ] = figures;
+    Ok(Scan {
+        ranges_m: ranges_m.to_vec(),
+        angle_min_rad,
+        angle_increment_rad,
+        range_min_m,
+        range_max_m,
+        mount: Mount { x_m, y_m, heading_rad },
+    })
+}
+
 fn fixed(map: Map<'_>) -> PyResult<Region> {
     let (ranks, shape, heights, route, grids) = map;
     let geometry = geometry(shape)?;
@@ -184,45 +224,17 @@ impl Navigator {
         &mut self,
         py: Python<'_>,
         time_s: f64,
-        pose: (f64, f64, f64, f64, f64),
+        pose: PoseFigures,
         speeds: (f64, f64),
         ranges_m: Option<PyReadonlyArray1<'_, f64>>,
         scan: [f64; 7],
         reading: Option<ReadingRow>,
     ) -> PyResult<(f64, f64, &'static str, &'static str)> {
-        let apart = |_| {
-            invalid(
-                "The ranges are not contiguous.".to_owned(),
-                "Use numpy.ascontiguousarray.",
-            )
-        };
-        let ranges_m = ranges_m
-            .map(|ranges| ranges.as_slice().map(<[f64]>::to_vec))
-            .transpose()
-            .map_err(apart)?;
-        let scan = ranges_m.map(|ranges_m| Scan {
-            ranges_m,
-            angle_min_rad: scan[0],
-            angle_increment_rad: scan[1],
-            range_min_m: scan[2],
-            range_max_m: scan[3],
-            mount: Mount {
-                x_m: scan[4],
-                y_m: scan[5],
-                heading_rad: scan[6],
-            },
-        });
+        let scan = ranges_m.map(|ranges_m| scan_of(&ranges_m, scan)).transpose()?;
         let reading = reading.map(reading_of);
-        let (x_m, y_m, heading_rad, pitch_rad, roll_rad) = pose;
         let seen = Observation {
             time_s,
-            pose: Pose {
-                x_m,
-                y_m,
-                heading_rad,
-                pitch_rad,
-                roll_rad,
-            },
+            pose: pose_of(pose),
             speed_mps: speeds.0,
             turn_rate_radps: speeds.1,
             scan: scan.as_ref(),
@@ -238,6 +250,21 @@ impl Navigator {
             command.status.name(),
             reason,
         ))
+    }
+
+    /// Takes in what another sensor sees; the reason why it was left out, if it was.
+    fn sense(
+        &mut self,
+        py: Python<'_>,
+        time_s: f64,
+        pose: PoseFigures,
+        ranges_m: PyReadonlyArray1<'_, f64>,
+        scan: [f64; 7],
+        cone_rad: f64,
+    ) -> PyResult<Option<&'static str>> {
+        let (scan, inner) = (scan_of(&ranges_m, scan)?, &mut self.inner);
+        let taken = py.detach(|| inner.sense(time_s, &pose_of(pose), &scan, cone_rad));
+        Ok(taken.err().map(swathe::drive::Reason::text))
     }
 
     /// What happened in the last step: time, kind and fields of each event.

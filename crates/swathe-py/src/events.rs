@@ -58,6 +58,11 @@ pub(crate) fn event_fields<'py>(py: Python<'py>, event: &Event) -> PyResult<Boun
                     fields.set_item("recovery", "back_off")?;
                     fields.set_item("left_m", left_m)?;
                 }
+                Recovery::FollowWall { from, on_left } => {
+                    fields.set_item("recovery", "follow_wall")?;
+                    fields.set_item("on_left", on_left)?;
+                    place(&fields, from)?;
+                }
                 Recovery::Retreat { to } => {
                     fields.set_item("recovery", "retreat")?;
                     place(&fields, to)?;

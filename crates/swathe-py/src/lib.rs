@@ -13,6 +13,7 @@ mod episode;
 mod error;
 mod events;
 mod grids;
+mod local;
 mod nest;
 mod planner;
 mod progress;
@@ -42,6 +43,8 @@ mod _core {
     use crate::error::{error_kinds, raise_error};
     #[pymodule_export]
     use crate::grids::{OverlappingGrids, gap_share, gaps_found};
+    #[pymodule_export]
+    use crate::local::{PlayerVfh, VfhPlus};
     #[pymodule_export]
     use crate::nest::{exact_nests, nest_graph, outlines};
     #[pymodule_export]

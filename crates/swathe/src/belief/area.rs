@@ -101,7 +101,8 @@ impl SoilUpdate {
             Word::Class(class) if class_index(class).is_none() => return Err(BeliefError::NoClass),
             Word::Probabilities(shares) => {
                 let sum: f64 = shares.iter().sum();
-                if shares.iter().any(|&share| !(share >= 0.0)) || !((sum - 1.0).abs() <= 1e-6) {
+                if shares.iter().any(|share| share.is_nan() || *share < 0.0) || sum.is_nan() || (sum - 1.0).abs() > 1e-6
+                {
                     return refuse("sum of the probabilities", sum, "they must be at least 0 and sum to 1");
                 }
             }

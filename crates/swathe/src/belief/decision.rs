@@ -110,7 +110,7 @@ impl Going {
     }
 
     /// The likeliest class that does not carry the vehicle, or no ground when only a measurement speaks against it.
-    fn likeliest_that_fails(&self, chances: &PerClass, fails: &[bool; CLASS_COUNT]) -> SoilClass {
+    fn likeliest_that_fails(&self, chances: &PerClass, fails: [bool; CLASS_COUNT]) -> SoilClass {
         let likeliest = (0..CLASS_COUNT)
             .filter(|&k| fails[k])
             .max_by(|&a, &b| chances[a].total_cmp(&chances[b]));
@@ -121,7 +121,7 @@ impl Going {
 }
 
 /// Probability of ground that does not carry the vehicle.
-fn risk(chances: &PerClass, fails: &[bool; CLASS_COUNT]) -> f64 {
+fn risk(chances: &PerClass, fails: [bool; CLASS_COUNT]) -> f64 {
     let failing = (0..CLASS_COUNT).filter(|&k| fails[k]);
     failing.map(|k| chances[k]).sum::<f64>().clamp(0.0, 1.0)
 }
@@ -138,7 +138,7 @@ impl SoilBelief {
             };
         }
         let chances = self.class_probabilities(cell);
-        self.decide_by(&chances, &self.fails(cell, going), going)
+        self.decide_by(&chances, self.fails(cell, going), going)
     }
 
     /// Which classes do not carry the vehicle at a cell.
@@ -150,7 +150,7 @@ impl SoilBelief {
         })
     }
 
-    fn decide_by(&self, chances: &PerClass, fails: &[bool; CLASS_COUNT], going: &Going) -> Decision {
+    fn decide_by(&self, chances: &PerClass, fails: [bool; CLASS_COUNT], going: &Going) -> Decision {
         let no_go_probability = risk(chances, fails);
         let go = no_go_probability <= self.params().no_go_tolerance;
         // Rounding must not take a certain class its goodness.
@@ -168,6 +168,15 @@ impl SoilBelief {
             no_go_probability,
             go,
         }
+    }
+
+    /// The cone index in kPa that a push on a class of [`CLASSES`] is expected to find at a cell today: its strength by
+    /// moisture and what was measured, before remoulding. `None` for rock, no ground and places beyond the last class.
+    pub fn expected_cone_index_kpa(&self, cell: Cell, class: usize, going: &Going) -> Option<f64> {
+        let soil = self.params().types.0.get(class)?;
+        let table_kpa = going.strengths_kpa[class];
+        let is_measured = table_kpa.is_finite() && table_kpa > 0.0;
+        is_measured.then(|| self.strength_kpa(cell, class, table_kpa) / soil.remoulding_index)
     }
 
     /// What a vehicle may count on at a cell that a soil map says to be of a class, to be ranked like the map.
@@ -194,7 +203,7 @@ impl SoilBelief {
             let by_map = if index.is_none() && !drawn {
                 0.0
             } else {
-                risk(&self.prior(cell), &std::array::from_fn(|k| !going.carries_by_table(k)))
+                risk(&self.prior(cell), std::array::from_fn(|k| !going.carries_by_table(k)))
             };
             return stays(by_map, carries);
         }
@@ -203,8 +212,8 @@ impl SoilBelief {
         }
         let (chances, prior) = (self.class_probabilities(cell), self.prior(cell));
         let fails = self.fails(cell, going);
-        let found = self.decide_by(&chances, &fails, going);
-        let by_map = risk(&prior, &std::array::from_fn(|k| !going.carries_by_table(k)));
+        let found = self.decide_by(&chances, fails, going);
+        let by_map = risk(&prior, std::array::from_fn(|k| !going.carries_by_table(k)));
         let go = found.go || (carries && found.no_go_probability <= by_map + 1e-12);
         if !go {
             return if carries {

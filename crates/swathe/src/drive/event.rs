@@ -168,6 +168,13 @@ pub enum Recovery {
         /// What is left, in metres.
         left_m: f64,
     },
+    /// Drives along a wall until the straight line to the goal is met again nearer to it; the last before giving up.
+    FollowWall {
+        /// Where it began.
+        from: Position,
+        /// Whether the wall is kept to the left.
+        on_left: bool,
+    },
     /// Drives to the nearest safe nest.
     Retreat {
         /// Where it lies.

@@ -21,6 +21,7 @@ mod sense;
 mod steer;
 #[cfg(test)]
 mod tests;
+mod wall;
 mod watch;
 
 pub use event::{Command, Event, Reason, Recovery, Status};

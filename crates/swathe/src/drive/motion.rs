@@ -188,12 +188,12 @@ impl Navigator {
         forbidden.map_or(reach_m, |k| (k - 1) as f64 * step_m)
     }
 
-    /// Braking on the slope that the robot stands on.
+    /// Braking on the slope that the robot stands on: what it does on the level as long as its wheels hold, as the planner and the
+    /// simulated body have it.
     fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
         let uphill = if forward { pose.pitch_rad } else { -pose.pitch_rad };
         let grip = self.shape.braking_friction * uphill.cos() + uphill.sin();
-        let lost_mps2 = crate::vehicle::GRAVITY_MPS2 * (-uphill.sin()).max(0.0);
-        (self.shape.braking_mps2 - lost_mps2).min(crate::vehicle::GRAVITY_MPS2 * grip)
+        self.shape.braking_mps2.min(crate::vehicle::GRAVITY_MPS2 * grip)
     }
 
     /// Share of the greatest speed that the ground allows.

@@ -16,6 +16,7 @@ use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
+use super::wall::Walk;
 use super::watch::Watch;
 
 /// Greatest coordinate, in metres, and speed that count as usable.
@@ -60,6 +61,7 @@ pub struct Navigator {
     pub(super) around: Surroundings,
     pub(super) watch: Watch,
     pub(super) recovery: Option<Recovery>,
+    pub(super) walk: Walk,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -73,6 +75,8 @@ pub struct Navigator {
     last: Option<(f64, Pose)>,
     /// Seconds since the step before, as far as they count.
     step_s: f64,
+    /// Time of the last command, whatever it was given for.
+    told_s: Option<f64>,
     pub(super) scan_time_s: Option<f64>,
     pub(super) refused: Option<Reason>,
     pub(super) last_ranges: Vec<f64>,
@@ -131,6 +135,7 @@ impl Navigator {
             around: Surroundings::default(),
             watch: Watch::default(),
             recovery: None,
+            walk: Walk::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -142,6 +147,7 @@ impl Navigator {
             news: Vec::new(),
             last: None,
             step_s: FIRST_STEP_S,
+            told_s: None,
             scan_time_s: None,
             refused: None,
             last_ranges: Vec::new(),
@@ -221,6 +227,7 @@ impl Navigator {
         let before = (self.last_command.status, self.reason);
         let (wanted, status, reason) = self.decide(seen);
         let command = self.limited(wanted, status, seen);
+        self.told_s = seen.time_s.is_finite().then_some(seen.time_s).or(self.told_s);
         if before != (status, reason) {
             self.events.push(Event::Status { status, reason });
         }
@@ -353,6 +360,7 @@ impl Navigator {
     pub(super) fn start_over(&mut self) {
         self.watch.restart();
         self.recovery = None;
+        self.walk = Walk::default();
         self.attempts = 0;
         self.all_attempts = 0;
         self.trap_at = None;
@@ -377,11 +385,11 @@ impl Navigator {
     /// Says so when the map knows no way to the goal, and waits for better news.
     fn cut_off(&mut self) -> Option<((f64, f64), Status, Reason)> {
         let region = self.region.as_ref()?;
-        if self.recovery.is_some() || !region.is_cut_off() {
+        let is_off = !region.lets_arrive(self.goal, self.params.arrival_m);
+        if self.recovery.is_some() || !(is_off || region.is_cut_off()) {
             return None;
         }
         self.watch.restart();
-        let is_off = !matches!(region.rank(self.goal), Some(rank) if rank != 1);
         let reason = if is_off { Reason::GoalOffMap } else { Reason::CutOff };
         Some(((0.0, 0.0), Status::NoRoute, reason))
     }
@@ -425,9 +433,13 @@ impl Navigator {
         let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
         let (wanted_mps, turn_radps) = (finite(wanted_mps), finite(turn_radps));
         let told_mps = self.last_command.speed_mps;
+        let since_s = self
+            .told_s
+            .map_or(self.step_s, |told_s| finite(seen.time_s - told_s).max(0.0));
+        let step_s = self.step_s.min(since_s);
         let speed_mps = self
             .shape
-            .reachable(wanted_mps, finite(seen.speed_mps), told_mps, self.step_s);
+            .reachable(wanted_mps, finite(seen.speed_mps), told_mps, step_s);
         // What is slower than wanted keeps to the same arc.
         let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
         Command {

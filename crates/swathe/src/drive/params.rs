@@ -60,6 +60,8 @@ pub struct DriveParams {
     pub memory: bool,
     /// Whether the robot gets out of traps by itself.
     pub recover: bool,
+    /// Whether it follows a wall before it gives up.
+    pub follow_walls: bool,
     /// Seconds without headway that make a trap.
     pub trap_s: f64,
     /// Recoveries without headway after which the robot gives up.
@@ -93,6 +95,7 @@ impl Default for DriveParams {
             unknown_cost: 1.5,
             memory: true,
             recover: true,
+            follow_walls: true,
             trap_s: 8.0,
             most_recoveries: 12,
             window_cells: 256,

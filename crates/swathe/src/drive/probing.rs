@@ -12,6 +12,9 @@ use super::region::RegionState;
 /// How far ahead on the global way readings are weighed, in metres.
 const REACH_M: f64 = 60.0;
 
+/// Cells that may be looked at in a step to weigh readings.
+const WORK_PER_STEP: u64 = 20_000;
+
 /// Speed and turn rate at which the robot stands.
 const REST_MPS: f64 = 0.02;
 const REST_RADPS: f64 = 0.05;
@@ -125,14 +128,15 @@ impl Navigator {
         }
     }
 
-    /// Weighs readings along the way ahead, one outcome in a step, and says when the robot is where the best one pays.
+    /// Weighs readings along the way ahead, as much in a step as is quick, and says when the robot is where the best one
+    /// pays.
     fn is_worth_a_reading(&mut self, at: Position, probe_cost: f64) -> bool {
         let Some(knowledge) = self.region.as_mut().and_then(RegionState::knowledge_mut) else {
             return false;
         };
         let spacing_m = 0.5 * knowledge.belief().params().length_m;
-        let is_old = |plan: &mut Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= spacing_m;
-        if self.probing.plan.as_mut().is_none_or(|plan| is_old(plan)) {
+        let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= spacing_m;
+        if self.probing.plan.as_ref().is_none_or(is_old) {
             let sites = knowledge.probe_sites(at, spacing_m, REACH_M);
             self.probing.plan = Some(Plan {
                 made_at: at,
@@ -143,13 +147,22 @@ impl Navigator {
         let Some(plan) = &mut self.probing.plan else {
             return false;
         };
-        if let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
-            let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
-            knowledge.weigh(outlook, dead_end_s);
-            return false;
+        let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
+        let mut work = 0;
+        while let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
+            if work >= WORK_PER_STEP {
+                return false;
+            }
+            // An outcome that cannot be weighed costs next to nothing, but it must end.
+            work += knowledge.weigh(outlook, dead_end_s) + 1;
         }
         if plan.chosen.is_none() {
-            let worth = plan.outlooks.iter().filter(|outlook| outlook.saving > probe_cost);
+            // What lies behind by now is left out.
+            let away_m = |outlook: &Outlook| outlook.site.at.distance_m(at);
+            let sites = 0..plan.outlooks.len();
+            let nearest = sites.min_by(|&a, &b| away_m(&plan.outlooks[a]).total_cmp(&away_m(&plan.outlooks[b])));
+            let ahead = nearest.map_or(&[][..], |nearest| &plan.outlooks[nearest..]);
+            let worth = ahead.iter().filter(|outlook| outlook.saving > probe_cost);
             // The first of those that save most.
             let best = worth.reduce(|best, other| if other.saving > best.saving { other } else { best });
             plan.chosen = best.map(|best| (best.site, best.saving, f64::INFINITY));

@@ -11,6 +11,7 @@ use super::motion::Now;
 use super::navigator::Navigator;
 use super::route::Standing;
 use super::safety::Sight;
+use super::wall::Along;
 
 /// How much larger than at first the window of the route may become, along a side.
 const WINDOW_GROWTH: usize = 4;
@@ -60,7 +61,7 @@ impl Navigator {
         };
         if matches!(
             self.recovery,
-            Some(Recovery::TurnInPlace { .. } | Recovery::BackOff { .. })
+            Some(Recovery::TurnInPlace { .. } | Recovery::BackOff { .. } | Recovery::FollowWall { .. })
         ) {
             return None;
         }
@@ -122,6 +123,15 @@ impl Navigator {
                 }
                 self.finish();
             }
+            Some(Recovery::FollowWall { from, on_left }) => match self.along_wall(now, from, on_left) {
+                Along::On(wanted) => return Some((wanted, Status::Recovering, Reason::Trapped)),
+                Along::Left => {
+                    self.attempts = 0;
+                    self.trap_at = None;
+                    self.finish();
+                }
+                Along::Lost => return Some(self.give_up()),
+            },
             Some(Recovery::Retreat { .. }) | None => {}
         }
         let reason = self.trouble(now)?;
@@ -130,11 +140,19 @@ impl Navigator {
         self.all_attempts += 1;
         let most = self.params.most_recoveries;
         if self.attempts > most || self.all_attempts > most.saturating_mul(ALL_RECOVERIES) {
-            self.end = Some((Status::Stopped, Reason::RecoveriesSpent));
-            return Some(((0.0, 0.0), Status::Stopped, Reason::RecoveriesSpent));
+            let Some(walk) = self.wall_walk(now) else {
+                return Some(self.give_up());
+            };
+            self.begin(walk, now.at());
+            return Some(((0.0, 0.0), Status::Recovering, reason));
         }
         self.choose(now, reason);
         Some(((0.0, 0.0), Status::Recovering, reason))
+    }
+
+    fn give_up(&mut self) -> ((f64, f64), Status, Reason) {
+        self.end = Some((Status::Stopped, Reason::RecoveriesSpent));
+        ((0.0, 0.0), Status::Stopped, Reason::RecoveriesSpent)
     }
 
     /// Whether the drive is in trouble, and in which.

@@ -247,6 +247,15 @@ impl RegionState {
         !self.leaving_no_go && (self.rank(at) == Some(1) || blocks && !self.in_nest(at))
     }
 
+    /// Whether ground that may be driven on lies within the arrival distance of a goal.
+    pub fn lets_arrive(&self, goal: Position, arrival_m: f64) -> bool {
+        let around = [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+        around.into_iter().any(|(east, north)| {
+            let place = Position::new(goal.x_m + east * arrival_m, goal.y_m + north * arrival_m);
+            !matches!(self.rank(place), None | Some(1))
+        })
+    }
+
     /// Whether a place lies in a nest.
     pub fn in_nest(&self, at: Position) -> bool {
         self.grids.navigable(at, 0.0, &self.point).navigable()
@@ -400,7 +409,9 @@ impl Ground for RegionState {
             };
             for row in down..(down + BLOCK).min(rows) {
                 let line = &mut factors[row * columns + right..row * columns + (right + BLOCK).min(columns)];
-                line.iter_mut().for_each(|factor| *factor *= outside);
+                for factor in line {
+                    *factor *= outside;
+                }
             }
         }
         factors

@@ -13,8 +13,10 @@ const GONE: u8 = 3;
 /// Memory cells are this many certainty cells wide.
 pub(super) const MEMORY_CELLS: i64 = 2;
 
-/// Returns from which on a scan that repeats itself to the last bit cannot be a coincidence.
-const TELLING_RETURNS: usize = 8;
+/// Beams and returns from which on a scan that repeats itself to the last bit while the robot moves cannot be a coincidence; a few
+/// beams may well read the same along a wall.
+const TELLING_BEAMS: usize = 16;
+const TELLING_RETURNS: usize = 3;
 
 /// Widest cone of a beam, and most rays to each side of its middle.
 const CONE_MAX_RAD: f64 = std::f64::consts::PI;
@@ -120,9 +122,9 @@ impl Navigator {
         if beams().all(|beam| beam == Return::Invalid) {
             return Err(Reason::BlindScan);
         }
-        // A few beams may well read the same along a wall.
         let returns = beams().filter(|beam| matches!(beam, Return::Obstacle { .. })).count();
-        let is_same = returns >= TELLING_RETURNS && self.last_ranges == scan.ranges_m;
+        let is_telling = scan.ranges_m.len() >= TELLING_BEAMS && returns >= TELLING_RETURNS;
+        let is_same = is_telling && self.last_ranges == scan.ranges_m;
         if !is_same {
             self.last_ranges.clone_from(&scan.ranges_m);
             self.same_since = Some(*pose);

@@ -46,7 +46,7 @@ pub(super) struct Local {
     kind: Kind,
     /// What the method of 1991 saw last; the others keep it themselves.
     seen: Option<PolarHistogram>,
-    nose_rad: f64,
+    nose_rad: Option<f64>,
     direction_rad: Option<f64>,
     side: usize,
     window: Vec<u8>,
@@ -102,7 +102,7 @@ impl Local {
         Self {
             kind,
             seen: None,
-            nose_rad: 0.0,
+            nose_rad: None,
             direction_rad: None,
             side,
             window: vec![0; side * side],
@@ -174,12 +174,13 @@ impl Local {
                 }
             }
         };
-        (self.nose_rad, self.direction_rad) = (pose.heading_rad, steering.direction_rad);
+        (self.nose_rad, self.direction_rad) = (Some(pose.heading_rad), steering.direction_rad);
         steering
     }
 
     /// What the last step saw; `None` before the first.
     pub fn histogram(&self) -> Option<Histogram> {
+        let nose_rad = self.nose_rad?;
         let (seen, thresholds) = match &self.kind {
             Kind::Vfh(vfh) => (self.seen.clone()?, [f64::from(vfh.tau()); 2]),
             Kind::Plus(vfh) => (vfh.histogram().clone(), thresholds_of(vfh)),
@@ -190,7 +191,7 @@ impl Local {
                 return Some(Histogram {
                     blocked: vfh.histogram().iter().map(|&density| density > low.max(high)).collect(),
                     densities,
-                    first_rad: self.nose_rad,
+                    first_rad: nose_rad,
                     thresholds: (low.min(high), low.max(high)),
                     direction_rad: self.direction_rad,
                 });

@@ -323,6 +323,7 @@ impl VfhPlus {
     /// Stage 3: sectors that lie beyond an obstacle inside the turning circle are masked.
     ///
     /// All in cosines and sines off the heading, in lanes and without branches: the work is the same whatever the window holds.
+    #[allow(clippy::needless_bitwise_bool, reason = "no branches: the loop becomes vector code")]
     fn mask_turns(&mut self, window: &[u8], heading_rad: f64, body: &Body) {
         let [r_left, r_right] = body.turn_radius_m;
         if r_left <= 0.0 && r_right <= 0.0 {

@@ -12,6 +12,9 @@ use super::way::cost_along;
 /// Strengths that stand for what may be measured on one class, in standard deviations of its logarithm: three of equal chance.
 const STRENGTHS: [f64; 3] = [-1.2247, 0.0, 1.2247];
 
+/// Outcomes less likely than this count for nothing.
+const LEAST_CHANCE: f64 = 1e-3;
+
 /// Depths of the samples of a profile that is foreseen, in metres.
 const DEPTHS_M: [f64; 3] = [0.05, 0.10, 0.15];
 
@@ -88,20 +91,23 @@ impl Knowledge {
     /// Weighs the next outcome: the class with its strength is taken to be measured, everything follows as after a real
     /// reading, and is taken back. The present way counts with what the new ground asks for it, plus `dead_end_cost` and the
     /// best way where it turns out closed. Codes that change nothing on the way and open nothing else cost no search.
-    pub fn weigh(&mut self, outlook: &mut Outlook, dead_end_cost: f64) {
+    ///
+    /// Returns how many cells were looked at, so that the work can be spread over steps.
+    pub fn weigh(&mut self, outlook: &mut Outlook, dead_end_cost: f64) -> u64 {
         let (class, strength) = (outlook.next / STRENGTHS.len(), outlook.next % STRENGTHS.len());
         outlook.next += 1;
         let chance = outlook.chances[class] / STRENGTHS.len() as f64;
-        if chance < 1e-4 {
-            return;
+        if chance < LEAST_CHANCE {
+            return 0;
         }
-        let Some(after) = self.foreseen(outlook.site.at, class, STRENGTHS[strength]) else {
-            return;
+        let Some(after) = self.foreseen(outlook.site, class, STRENGTHS[strength]) else {
+            return 0;
         };
         let (belief, cells) = after;
         let recoded = self.recoded(&belief, &cells);
+        let mut work = cells.len() as u64;
         if recoded.is_empty() {
-            return;
+            return work;
         }
         let way = self.way.cells.clone();
         let before = self.way.cost;
@@ -119,38 +125,46 @@ impl Knowledge {
                     _ if !way.is_empty() || best.is_some() => dead_end_cost,
                     _ => 0.0,
                 };
+            work += self.way.work();
             let undone = self.apply(&done.codes);
             self.find(&undone.touched);
+            work += self.way.work();
             // Of ways that cost the same the one that was shown stays.
             self.way.show(kept_way);
         } else {
             self.apply(&done.codes);
         }
+        work + 2 * done.touched.len() as u64
     }
 
-    /// The belief after a reading of a class that is some standard deviations stronger than usual, and the cells it touches.
-    fn foreseen(&self, at: Position, class: usize, deviations: f64) -> Option<(SoilBelief, Vec<u32>)> {
+    /// The belief after a reading of a class that is some standard deviations stronger than is expected of it today, and
+    /// the cells it touches.
+    fn foreseen(&self, site: ProbeSite, class: usize, deviations: f64) -> Option<(SoilBelief, Vec<u32>)> {
         let mut belief = self.belief.clone();
-        let observation = if CLASSES[class] == SoilClass::None {
-            Observation::Class {
-                at,
-                class: SoilClass::None,
-            }
-        } else {
-            let soil = belief.params().types.0[class];
-            let spread = soil.cone_index_ln_kpa;
-            let middle_kpa = (spread.mean + deviations * spread.deviation).exp();
-            let is_refused = soil.refusal >= 0.5;
-            let sample =
-                |depth: f64| (middle_kpa + soil.gradient_kpa_per_m.mean * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
+        let at = site.at;
+        let reading = |cone_indices_kpa: Vec<f64>, refusal_depth_m| {
             Observation::Reading(PenetrometerReading {
                 x_m: at.x_m,
                 y_m: at.y_m,
-                depths_m: DEPTHS_M.to_vec(),
-                cone_indices_kpa: DEPTHS_M.map(sample).to_vec(),
-                refusal_depth_m: is_refused.then_some(0.5 * DEPTHS_M[0]),
+                depths_m: DEPTHS_M[..cone_indices_kpa.len()].to_vec(),
+                cone_indices_kpa,
+                refusal_depth_m,
                 sleeve_frictions_kpa: None,
             })
+        };
+        let observation = match (
+            belief.expected_cone_index_kpa(site.cell, class, &self.going),
+            CLASSES[class],
+        ) {
+            (Some(usual_kpa), _) => {
+                let params = belief.params();
+                let middle_kpa = usual_kpa * (deviations * params.table_spread_ln).exp();
+                let rise_kpa_per_m = params.types.0[class].gradient_kpa_per_m.mean;
+                let sample = |depth: f64| (middle_kpa + rise_kpa_per_m * (depth - DEPTHS_M[1])).clamp(1.0, 1e5);
+                reading(DEPTHS_M.map(sample).to_vec(), None)
+            }
+            (None, SoilClass::Rock) => reading(Vec::new(), Some(0.5 * DEPTHS_M[0])),
+            (None, class) => Observation::Class { at, class },
         };
         let changed = belief.add(&observation).ok()?;
         Some((belief, changed.cells))

@@ -161,6 +161,11 @@ impl GlobalWay {
         (self.cells, self.places, self.cost, self.standing) = shown;
     }
 
+    /// Cells that the last search looked at.
+    pub fn work(&self) -> u64 {
+        self.repair.as_ref().map_or(0, |repair| repair.tally().work)
+    }
+
     /// Takes in where the robot is.
     pub fn move_to(&mut self, at: Position) {
         if let Some(ends) = &mut self.ends {

@@ -315,7 +315,7 @@ fn probing_where_it_matters_keeps_the_robot_out_of_a_bog_that_the_map_does_not_k
     let (blind_m, never) = metres_in_bog(ProbePolicy::Never);
     let (probed_m, probes) = metres_in_bog(ProbePolicy::WhereItMatters { probe_cost: 1.0 });
     assert_eq!(never, 0);
-    assert!(probes >= 1 && probes <= 8, "{probes}");
+    assert!((1..=8).contains(&probes), "{probes}");
     assert!(blind_m > 25.0 && probed_m < 0.6 * blind_m, "{blind_m} {probed_m}");
 }
 
@@ -356,7 +356,7 @@ fn slopes_close_directions_for_the_local_methods() {
     let knowledge = ground(&rows, 0.22);
     let cell = crate::grid::Cell::new(8, 8);
     assert!(knowledge.slope_allows(cell, 1.57) && knowledge.slope_allows(cell, -1.57));
-    assert!(!knowledge.slope_allows(cell, 0.0) && !knowledge.slope_allows(cell, 3.14));
+    assert!(!knowledge.slope_allows(cell, 0.0) && !knowledge.slope_allows(cell, std::f64::consts::PI));
     let mut drive = Drive::new(
         navigator(knowledge, (52.0, 0.0), DriveParams::default()),
         (12.0, 0.0),
