@@ -20,6 +20,14 @@ const TURN_GAIN: f64 = 2.0;
 /// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
 const CAREFUL_SHARE: f64 = 0.25;
 
+/// Off the way by this much, the local method is only asked after the way itself, at this share of the greatest speed.
+const STRAY_RAD: f64 = 0.7;
+const STRAY_SHARE: f64 = 0.5;
+
+/// Speed below which a vehicle turns in place, and the angle that is looked at for it.
+pub(super) const ROLLS_MPS: f64 = 0.1;
+pub(super) const TURN_LOOK_RAD: f64 = 0.6;
+
 /// Seconds at rest with nothing to do but wait that call for a recovery.
 const BLOCKED_S: f64 = 1.5;
 
@@ -52,7 +60,23 @@ impl Now<'_> {
 impl Navigator {
     /// Distance kept from obstacles at a speed.
     pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
-        self.params.margin_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+        // What stands is known to half a cell at worst.
+        let half_m = 0.5 * self.grid.params().cell_size_m;
+        let rest_m = if self.squeezes_from.is_some() {
+            half_m
+        } else {
+            self.params.margin_m.max(half_m)
+        };
+        rest_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+    }
+
+    /// How much less than the circle around the footprint the local method makes room for.
+    fn slimmer_m(&self) -> f64 {
+        if self.squeezes_from.is_some() {
+            self.shape.radius_m - self.shape.half_width_m
+        } else {
+            0.0
+        }
     }
 
     /// Chooses where to, how fast, and checks that it is safe.
@@ -73,16 +97,21 @@ impl Navigator {
                 step_s: now.step_s,
                 target,
                 region: self.region.as_ref(),
-                margin_m: self.margin_m(now.speed_mps),
+                margin_m: self.margin_m(now.speed_mps) - self.slimmer_m(),
             },
         );
         let target_rad = (target.y_m - at.y_m).atan2(target.x_m - at.x_m);
-        let mut directions = Vec::with_capacity(3);
+        let mut directions = Vec::with_capacity(4);
         // The histogram does not know that obstacles behind the goal do not matter.
         let is_last = at.distance_m(now.aim) <= lookahead_m;
         if is_last && self.window.as_ref().is_some_and(|window| window.sees(at, now.aim)) {
             let aim_rad = wrap(now.pose.heading_rad + now.off_rad());
             directions.push((aim_rad, 1.0 - 0.8 * steering.crowding));
+        }
+        // A histogram that turns away from an open way would lead to and fro.
+        let strays = |direction_rad: f64| wrap(direction_rad - target_rad).abs() > STRAY_RAD;
+        if self.params.memory && on_way.is_some() && steering.direction_rad.is_some_and(strays) {
+            directions.push((target_rad, STRAY_SHARE));
         }
         match steering.direction_rad {
             Some(direction_rad) => directions.push((direction_rad, 1.0 - 0.8 * steering.crowding)),
@@ -114,6 +143,11 @@ impl Navigator {
             return self.turn(now, off_rad);
         }
         let turning = (wanted_turn / shape.max_turn_rate_radps).abs();
+        let share = if self.squeezes_from.is_some() {
+            share.min(CAREFUL_SHARE)
+        } else {
+            share
+        };
         let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim);
@@ -135,16 +169,29 @@ impl Navigator {
 
     /// Turns in place towards an angle off the nose, when the footprint is free to.
     fn turn(&self, now: &Now, off_rad: f64) -> (f64, f64) {
-        let most = self.shape.max_turn_rate_radps;
+        // Stop first: what is swept while rolling on is not looked at.
+        if now.speed_mps.abs() > ROLLS_MPS {
+            return (0.0, 0.0);
+        }
         for wanted_rad in [off_rad, off_rad - off_rad.signum() * std::f64::consts::TAU] {
-            let tried = wanted_rad.clamp(-0.6, 0.6);
-            if self.around.turn_rad(&self.shape, tried).abs() >= 0.1 {
-                // Still rolling: stop first.
-                let share = if now.speed_mps.abs() > 0.3 { 0.3 } else { 1.0 };
-                return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most) * share);
+            let free_rad = self
+                .around
+                .turn_rad(&self.shape, wanted_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD));
+            if free_rad.abs() >= 0.1 {
+                let most = self.turn_rate_within(free_rad, now);
+                return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most));
             }
         }
         (0.0, 0.0)
+    }
+
+    /// Greatest turn rate in place from which the vehicle stands within a free angle: its wheels, half its width aside, brake as
+    /// they do straight ahead.
+    pub(super) fn turn_rate_within(&self, free_rad: f64, now: &Now) -> f64 {
+        let braking = self.shape.acceleration_mps2.min(self.shape.braking_mps2) / self.shape.half_width_m;
+        let lost = braking * (now.age_s + 2.0 * now.step_s.min(0.5));
+        let rate = lost.mul_add(lost, 2.0 * braking * free_rad.abs()).sqrt() - lost;
+        rate.min(self.shape.max_turn_rate_radps)
     }
 
     /// Greatest speed along an arc from which the vehicle stops within what is free and seen.

@@ -8,7 +8,7 @@ use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
 use super::memory::Memory;
-use super::motion::Now;
+use super::motion::{Now, ROLLS_MPS};
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -66,6 +66,8 @@ pub struct Navigator {
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
     pub(super) looked_around: bool,
+    /// Where gaps narrower than the circle around the footprint began to be tried.
+    pub(super) squeezes_from: Option<Position>,
     pub(super) end: Option<(Status, Reason)>,
     pub(super) slip_until_s: f64,
     pub(super) blocked_since_s: Option<f64>,
@@ -140,6 +142,7 @@ impl Navigator {
             all_attempts: 0,
             trap_at: None,
             looked_around: false,
+            squeezes_from: None,
             end: None,
             slip_until_s: f64::NEG_INFINITY,
             blocked_since_s: None,
@@ -365,6 +368,7 @@ impl Navigator {
         self.all_attempts = 0;
         self.trap_at = None;
         self.looked_around = false;
+        self.squeezes_from = None;
         self.blocked_since_s = None;
         self.local.forget();
         if let Some(region) = &mut self.region {
@@ -402,6 +406,17 @@ impl Navigator {
         }
     }
 
+    /// How near to what was seen the way may come: the circle around the footprint, or lengthwise its lesser half.
+    fn closed_m(&self) -> f64 {
+        if self.squeezes_from.is_some() {
+            // Cells of the memory hold what stands anywhere in them.
+            let half_m = self.shape.half_width_m.min(self.shape.half_length_m);
+            (half_m - 0.25 * self.memory.cell_size_m).max(0.5 * half_m)
+        } else {
+            self.shape.radius_m + 0.5 * self.params.margin_m
+        }
+    }
+
     /// Keeps the window around the robot and the way in it right.
     fn lay_route(&mut self, at: Position, aim: Position) {
         let stale = self.window.as_ref().is_none_or(|window| {
@@ -412,7 +427,7 @@ impl Navigator {
         if stale {
             let layout = Layout {
                 cells: self.window_cells,
-                closed_m: self.shape.radius_m + 0.5 * self.params.margin_m,
+                closed_m: self.closed_m(),
                 unknown_cost: self.params.unknown_cost,
                 arrival_m: self.params.arrival_m,
                 goal: aim,
@@ -440,11 +455,17 @@ impl Navigator {
         let speed_mps = self
             .shape
             .reachable(wanted_mps, finite(seen.speed_mps), told_mps, step_s);
-        // What is slower than wanted keeps to the same arc.
+        // What is slower than wanted keeps to the same arc, and so does what brakes: that is what was looked at.
         let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
+        let rolls_mps = finite(seen.speed_mps);
+        let turn_radps = if (wanted_mps, turn_radps) == (0.0, 0.0) && rolls_mps.abs() > ROLLS_MPS {
+            finite(seen.turn_rate_radps) * (1.0 - ROLLS_MPS / rolls_mps.abs())
+        } else {
+            turn_radps * share
+        };
         Command {
             speed_mps,
-            turn_rate_radps: self.shape.turn_rate(turn_radps * share, speed_mps),
+            turn_rate_radps: self.shape.turn_rate(turn_radps, speed_mps),
             status,
         }
     }
@@ -459,6 +480,10 @@ impl Navigator {
             self.trap_at = None;
             self.attempts = 0;
             self.looked_around = false;
+        }
+        if self.squeezes_from.is_some_and(|from| from.distance_m(at) > away_m) {
+            self.squeezes_from = None;
+            self.window = None;
         }
     }
 }

@@ -25,8 +25,10 @@ struct Moment {
     time_s: f64,
     x_m: f64,
     y_m: f64,
-    /// Metres by the measured speed, and by the commands.
+    /// Metres by the measured speed; backwards counts down, so that driving to and fro is no slip.
     measured_m: f64,
+    /// Metres by the measured speed and by the commands, in either direction.
+    turned_m: f64,
     commanded_m: f64,
 }
 
@@ -37,6 +39,7 @@ pub(super) struct Watch {
     reversals: VecDeque<f64>,
     side: f64,
     measured_m: f64,
+    turned_m: f64,
     commanded_m: f64,
 }
 
@@ -49,13 +52,15 @@ impl Watch {
 
     /// Takes in a step.
     pub fn note(&mut self, time_s: f64, step_s: f64, pose: &Pose, speed_mps: f64, commanded_mps: f64, keep_s: f64) {
-        self.measured_m += speed_mps.abs() * step_s;
+        self.measured_m += speed_mps * step_s;
+        self.turned_m += speed_mps.abs() * step_s;
         self.commanded_m += commanded_mps.abs() * step_s;
         self.moments.push_back(Moment {
             time_s,
             x_m: pose.x_m,
             y_m: pose.y_m,
             measured_m: self.measured_m,
+            turned_m: self.turned_m,
             commanded_m: self.commanded_m,
         });
         while self.moments.len() > 2 && self.moments[1].time_s <= time_s - keep_s {
@@ -93,7 +98,7 @@ impl Watch {
     /// Share of the wheels' way that was lost in the last moments, when they turned enough to tell.
     pub fn slip(&self) -> Option<f64> {
         let (then, last) = self.moment(SLIP_S)?;
-        let wheels_m = last.measured_m - then.measured_m;
+        let wheels_m = (last.measured_m - then.measured_m).abs();
         let share = 1.0 - (then.x_m - last.x_m).hypot(then.y_m - last.y_m) / wheels_m.max(1e-9);
         (wheels_m >= SLIP_M && share >= SLIP_SHARE).then_some(share)
     }
@@ -104,7 +109,7 @@ impl Watch {
             return false;
         };
         let told_m = last.commanded_m - then.commanded_m;
-        let most_m = (last.measured_m - then.measured_m).max((then.x_m - last.x_m).hypot(then.y_m - last.y_m));
+        let most_m = (last.turned_m - then.turned_m).max((then.x_m - last.x_m).hypot(then.y_m - last.y_m));
         told_m >= SLIP_M && most_m < 0.2 * told_m
     }
 
@@ -154,6 +159,19 @@ mod tests {
         assert!(held.is_held());
         assert_eq!(held.trap(7.9, 1.0), Some(Reason::Trapped));
         assert!(!drive(0.0, 0.0, 0.0).is_held());
+    }
+
+    #[test]
+    fn a_robot_that_turns_back_has_not_slipped() {
+        let mut watch = Watch::default();
+        for k in 0..40 {
+            let time_s = f64::from(k) * 0.1;
+            let speed = if k < 32 { -1.0 } else { 1.0 };
+            let x_m = if k < 32 { -time_s } else { time_s - 6.4 };
+            watch.note(time_s, 0.1, &Pose::level(x_m, 0.0, 0.0), speed, speed, 8.0);
+        }
+        assert_eq!(watch.slip(), None);
+        assert!(!watch.is_held());
     }
 
     #[test]
