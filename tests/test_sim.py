@@ -142,10 +142,10 @@ def test_a_probe_stops_the_robot_and_takes_its_time() -> None:
 def test_drawn_worlds_know_whether_there_is_a_way(kind: sim.Kind) -> None:
     world, start, goal = sim.random_world(2, kind=kind)
     straight_m = math.hypot(goal.x_m - start.x_m, goal.y_m - start.y_m)
-    length_m = world.passable(JACKAL, (start.x_m, start.y_m), goal)
+    length_m = world.passable(JACKAL, start, goal)
     assert length_m is None or length_m > straight_m - 0.5
     world.place(sim.Wall([(0, -20), (0, 20)]))
-    assert world.passable(JACKAL, (start.x_m, start.y_m), goal) is None
+    assert world.passable(JACKAL, start, goal) is None
 
 
 def test_unknown_ground_under_the_wheels_and_places_outside_are_said() -> None:
