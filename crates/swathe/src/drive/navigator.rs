@@ -409,9 +409,9 @@ impl Navigator {
     /// How near to what was seen the way may come: the circle around the footprint, or lengthwise its lesser half.
     fn closed_m(&self) -> f64 {
         if self.squeezes_from.is_some() {
-            // Cells of the memory hold what stands anywhere in them.
+            // Cells of the memory hold what stands anywhere in them; what is seen from one side must still close its neighbours.
             let half_m = self.shape.half_width_m.min(self.shape.half_length_m);
-            (half_m - 0.25 * self.memory.cell_size_m).max(0.5 * half_m)
+            (half_m - 0.25 * self.memory.cell_size_m).max(self.memory.cell_size_m)
         } else {
             self.shape.radius_m + 0.5 * self.params.margin_m
         }
