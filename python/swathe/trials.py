@@ -176,7 +176,7 @@ def run_one(trial: Trial) -> Row:
         return Row(**known, shortest_m=None, fastest_s=None, status="not_passable")
     fastest_s = shortest_m / vehicle.max_speed_mps
     begun_s = time.process_time()
-    episode, _ = begin(trial, records=False, time_limit_s=120.0 + 12.0 * fastest_s)
+    episode, _ = begin(trial, records=False, time_limit_s=max(900.0, 20.0 * fastest_s))
     collision: dict[str, Any] = {}
     recoveries = 0
     for second in episode.seconds(10.0):

@@ -24,8 +24,9 @@ const CAREFUL_SHARE: f64 = 0.25;
 const STRAY_RAD: f64 = 0.7;
 const STRAY_SHARE: f64 = 0.5;
 
-/// Distance kept at rest, beside the half cell by which obstacles are known, in narrow gaps and at least, in metres.
-const SQUEEZE_MARGIN_M: f64 = 0.02;
+/// Speed below which a vehicle turns in place, and the angle that is looked at for it.
+pub(super) const ROLLS_MPS: f64 = 0.1;
+pub(super) const TURN_LOOK_RAD: f64 = 0.6;
 
 /// Seconds at rest with nothing to do but wait that call for a recovery.
 const BLOCKED_S: f64 = 1.5;
@@ -59,14 +60,14 @@ impl Now<'_> {
 impl Navigator {
     /// Distance kept from obstacles at a speed.
     pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
-        // Obstacles are known to half a cell.
+        // What stands is known to half a cell at worst.
         let half_m = 0.5 * self.grid.params().cell_size_m;
         let rest_m = if self.squeezes_from.is_some() {
-            self.params.margin_m.min(SQUEEZE_MARGIN_M)
+            half_m
         } else {
-            (self.params.margin_m - half_m).max(SQUEEZE_MARGIN_M)
+            self.params.margin_m.max(half_m)
         };
-        rest_m + half_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+        rest_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
     }
 
     /// How much less than the circle around the footprint the local method makes room for.
@@ -168,16 +169,29 @@ impl Navigator {
 
     /// Turns in place towards an angle off the nose, when the footprint is free to.
     fn turn(&self, now: &Now, off_rad: f64) -> (f64, f64) {
-        let most = self.shape.max_turn_rate_radps;
+        // Stop first: what is swept while rolling on is not looked at.
+        if now.speed_mps.abs() > ROLLS_MPS {
+            return (0.0, 0.0);
+        }
         for wanted_rad in [off_rad, off_rad - off_rad.signum() * std::f64::consts::TAU] {
-            let tried = wanted_rad.clamp(-0.6, 0.6);
-            if self.around.turn_rad(&self.shape, tried).abs() >= 0.1 {
-                // Still rolling: stop first.
-                let share = if now.speed_mps.abs() > 0.3 { 0.3 } else { 1.0 };
-                return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most) * share);
+            let free_rad = self
+                .around
+                .turn_rad(&self.shape, wanted_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD));
+            if free_rad.abs() >= 0.1 {
+                let most = self.turn_rate_within(free_rad, now);
+                return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most));
             }
         }
         (0.0, 0.0)
+    }
+
+    /// Greatest turn rate in place from which the vehicle stands within a free angle: its wheels, half its width aside, brake as
+    /// they do straight ahead.
+    pub(super) fn turn_rate_within(&self, free_rad: f64, now: &Now) -> f64 {
+        let braking = self.shape.acceleration_mps2.min(self.shape.braking_mps2) / self.shape.half_width_m;
+        let lost = braking * (now.age_s + 2.0 * now.step_s.min(0.5));
+        let rate = lost.mul_add(lost, 2.0 * braking * free_rad.abs()).sqrt() - lost;
+        rate.min(self.shape.max_turn_rate_radps)
     }
 
     /// Greatest speed along an arc from which the vehicle stops within what is free and seen.

@@ -8,7 +8,7 @@ use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
 use super::memory::Memory;
-use super::motion::Now;
+use super::motion::{Now, ROLLS_MPS};
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -409,9 +409,9 @@ impl Navigator {
     /// How near to what was seen the way may come: the circle around the footprint, or lengthwise its lesser half.
     fn closed_m(&self) -> f64 {
         if self.squeezes_from.is_some() {
-            // Cells of the memory hold what stands anywhere in them.
+            // Cells of the memory hold what stands anywhere in them; what is seen from one side must still close its neighbours.
             let half_m = self.shape.half_width_m.min(self.shape.half_length_m);
-            (half_m - 0.25 * self.memory.cell_size_m).max(0.5 * half_m)
+            (half_m - 0.25 * self.memory.cell_size_m).max(self.memory.cell_size_m)
         } else {
             self.shape.radius_m + 0.5 * self.params.margin_m
         }
@@ -455,11 +455,17 @@ impl Navigator {
         let speed_mps = self
             .shape
             .reachable(wanted_mps, finite(seen.speed_mps), told_mps, step_s);
-        // What is slower than wanted keeps to the same arc.
+        // What is slower than wanted keeps to the same arc, and so does what brakes: that is what was looked at.
         let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
+        let rolls_mps = finite(seen.speed_mps);
+        let turn_radps = if (wanted_mps, turn_radps) == (0.0, 0.0) && rolls_mps.abs() > ROLLS_MPS {
+            finite(seen.turn_rate_radps) * (1.0 - ROLLS_MPS / rolls_mps.abs())
+        } else {
+            turn_radps * share
+        };
         Command {
             speed_mps,
-            turn_rate_radps: self.shape.turn_rate(turn_radps * share, speed_mps),
+            turn_rate_radps: self.shape.turn_rate(turn_radps, speed_mps),
             status,
         }
     }

@@ -7,7 +7,7 @@ use crate::sensor::wrap;
 
 use super::event::{Event, Reason, Recovery, Status};
 use super::memory::Seen;
-use super::motion::Now;
+use super::motion::{Now, ROLLS_MPS, TURN_LOOK_RAD};
 use super::navigator::Navigator;
 use super::route::Standing;
 use super::safety::Sight;
@@ -18,6 +18,9 @@ const WINDOW_GROWTH: usize = 4;
 
 /// All recoveries of a drive, as a multiple of those without headway.
 const ALL_RECOVERIES: u32 = 10;
+
+/// Off the nose by this much, the way does not lead through the place before it.
+const STAMP_RAD: f64 = 0.8;
 
 /// Seconds of driving carefully after a slip.
 const SLIP_CARE_S: f64 = 3.0;
@@ -245,6 +248,15 @@ impl Navigator {
         let (sin, cos) = now.pose.heading_rad.sin_cos();
         let at = now.at();
         let place = Position::new(at.x_m + cos * ahead_m, at.y_m + sin * ahead_m);
+        // The way leads elsewhere: what is before the nose does not close it.
+        let leads_ahead = |to: Position| {
+            let off_rad = wrap((to.y_m - at.y_m).atan2(to.x_m - at.x_m) - now.pose.heading_rad);
+            off_rad.abs() < STAMP_RAD
+        };
+        let next = self.window.as_ref().and_then(|window| window.ahead(at, ahead_m));
+        if !next.is_none_or(leads_ahead) {
+            return;
+        }
         // The goal must stay within reach.
         if place.distance_m(self.goal) <= self.shape.radius_m + self.params.arrival_m {
             return;
@@ -263,11 +275,15 @@ impl Navigator {
         if left_rad.abs() < 0.1 {
             return None;
         }
-        let tried = left_rad.clamp(-0.6, 0.6);
-        if self.around.turn_rad(&self.shape, tried).abs() < 0.05_f64.min(left_rad.abs()) {
+        if now.speed_mps.abs() > ROLLS_MPS {
+            return Some((0.0, 0.0));
+        }
+        let tried = left_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD);
+        let free_rad = self.around.turn_rad(&self.shape, tried).abs();
+        if free_rad < 0.05_f64.min(left_rad.abs()) {
             return None;
         }
-        let most = 0.6 * self.shape.max_turn_rate_radps;
+        let most = (0.6 * self.shape.max_turn_rate_radps).min(self.turn_rate_within(free_rad, now));
         let turn_radps = (2.0 * left_rad).clamp(-most, most);
         self.recovery = Some(Recovery::TurnInPlace {
             left_rad: left_rad - turn_radps * now.step_s,

@@ -35,13 +35,13 @@ impl Surroundings {
         let half = ((reach_m + shape.radius_m) / size).ceil() as i64;
         let half = half.min(grid.side_cells() as i64 / 2);
         grid.each_sure((row, column), half, sure, |(down, right)| {
-            let y_m = -(down as f64 + 0.5) * size - pose.y_m;
-            let x_m = (right as f64 + 0.5) * size - pose.x_m;
+            let (x_m, y_m) = grid.met_at((down, right));
+            let (x_m, y_m) = (x_m - pose.x_m, y_m - pose.y_m);
             let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
             let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
             self.points.push((ahead, left));
-            // What is near already may come a little nearer, but not by less than it is known to.
-            let least_m = (0.5 * size).min(beyond - 0.02 * size);
+            // What is near already may come a little nearer in a step, but not by less than it is known to.
+            let least_m = (0.3 * size).min(beyond - 0.05 * size);
             self.margins.push((beyond - 0.2 * size).max(least_m).min(margin_m));
         });
     }
@@ -107,7 +107,7 @@ impl Surroundings {
                 let (ahead, left) = (cos * px + sin * py, cos * py - sin * px);
                 let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
                 // In place half a margin is enough: nothing is approached at speed.
-                let enough_m = (0.5 * margin_m).max(margin_m.min(0.5 * self.cell_size_m));
+                let enough_m = (0.5 * margin_m).max(margin_m.min(0.3 * self.cell_size_m));
                 if beyond < enough_m.max(0.0) {
                     return free_rad;
                 }

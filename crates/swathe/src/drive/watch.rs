@@ -27,7 +27,8 @@ struct Moment {
     y_m: f64,
     /// Metres by the measured speed; backwards counts down, so that driving to and fro is no slip.
     measured_m: f64,
-    /// Metres by the commands, in either direction.
+    /// Metres by the measured speed and by the commands, in either direction.
+    turned_m: f64,
     commanded_m: f64,
 }
 
@@ -38,6 +39,7 @@ pub(super) struct Watch {
     reversals: VecDeque<f64>,
     side: f64,
     measured_m: f64,
+    turned_m: f64,
     commanded_m: f64,
 }
 
@@ -51,12 +53,14 @@ impl Watch {
     /// Takes in a step.
     pub fn note(&mut self, time_s: f64, step_s: f64, pose: &Pose, speed_mps: f64, commanded_mps: f64, keep_s: f64) {
         self.measured_m += speed_mps * step_s;
+        self.turned_m += speed_mps.abs() * step_s;
         self.commanded_m += commanded_mps.abs() * step_s;
         self.moments.push_back(Moment {
             time_s,
             x_m: pose.x_m,
             y_m: pose.y_m,
             measured_m: self.measured_m,
+            turned_m: self.turned_m,
             commanded_m: self.commanded_m,
         });
         while self.moments.len() > 2 && self.moments[1].time_s <= time_s - keep_s {
@@ -105,9 +109,7 @@ impl Watch {
             return false;
         };
         let told_m = last.commanded_m - then.commanded_m;
-        let most_m = (last.measured_m - then.measured_m)
-            .abs()
-            .max((then.x_m - last.x_m).hypot(then.y_m - last.y_m));
+        let most_m = (last.turned_m - then.turned_m).max((then.x_m - last.x_m).hypot(then.y_m - last.y_m));
         told_m >= SLIP_M && most_m < 0.2 * told_m
     }
 

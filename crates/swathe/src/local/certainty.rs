@@ -105,6 +105,9 @@ struct Evident {
     level: i16,
     /// Number of the last scan that counted for it.
     scan: u16,
+    /// Where in the cell the last scan that hit it did so nearest to the sensor: right and down, in parts of 256, and how far away.
+    part: [u8; 2],
+    range_cm: u16,
 }
 
 /// Steps of evidence and what they mean.
@@ -262,7 +265,15 @@ impl CertaintyGrid {
             ends.push((x_m, y_m));
             let cell = self.lattice(x_m, y_m);
             if is_hit && let Some(index) = self.index(cell) {
+                let is_first = self.evidence[index].scan != self.scan;
                 self.count(index, cell, self.levels.hit);
+                let evident = &mut self.evidence[index];
+                let range_cm = (100.0 * range_m) as u16;
+                if is_first || range_cm < evident.range_cm {
+                    let part = |along: f64| (256.0 * (along / self.params.cell_size_m).rem_euclid(1.0)) as u8;
+                    evident.part = [part(x_m), part(-y_m)];
+                    evident.range_cm = range_cm;
+                }
             }
         }
         // Hits are counted before, so that they win.
@@ -333,10 +344,21 @@ impl CertaintyGrid {
         }
     }
 
+    /// Where in a cell something was met last, as near to the sensor as in any beam of that scan.
+    pub fn met_at(&self, cell: (i64, i64)) -> (f64, f64) {
+        let size = self.params.cell_size_m;
+        let [right, down] = self
+            .index(cell)
+            .map_or([128; 2], |index| self.evidence[index].part)
+            .map(|part| (f64::from(part) + 0.5) / 256.0);
+        ((cell.1 as f64 + right) * size, -(cell.0 as f64 + down) * size)
+    }
+
     /// Sets a place to the greatest certainty, as when the robot has felt an obstacle.
     pub fn stamp(&mut self, x_m: f64, y_m: f64) {
         if let Some(index) = self.index(self.lattice(x_m, y_m)) {
             self.evidence[index].level = self.levels.high;
+            self.evidence[index].part = [128; 2];
             self.certainty[index] = self.levels.certainty(self.levels.high);
         }
     }

@@ -69,6 +69,62 @@ pub fn random_world(seed: u64, density: f64, kind: ScenarioKind, scale: f64) -> 
         Position::new(-15.0, 6.0 * across - 3.0),
         Position::new(15.0, 6.0 * aside - 3.0),
     );
+    let mut walls = walls_of(kind, width, side);
+    let edge = HALF_M - FENCE_M;
+    walls.push(vec![
+        (-edge, -edge),
+        (edge, -edge),
+        (edge, edge),
+        (-edge, edge),
+        (-edge, -edge),
+    ]);
+    let scaled = |(x, y): (f64, f64)| Position::new(scale * x, scale * y);
+    let mut obstacles: Vec<Obstacle> = walls
+        .into_iter()
+        .map(|points| Obstacle {
+            shape: Shape::Wall(points.into_iter().map(scaled).collect()),
+            height_m: 2.0 * scale,
+        })
+        .collect();
+    let movers = if kind == ScenarioKind::Moving {
+        people(noise, scale)
+    } else {
+        Vec::new()
+    };
+    let lanes: Vec<Shape> = movers.iter().map(|mover| Shape::Wall(mover.path.clone())).collect();
+    let crates = (density * (2.0 * HALF_M).powi(2) / 100.0).round() as u64;
+    for count in 1..=crates {
+        let [x, y, turn, length] = noise.units(Stream::World, count, 0);
+        let centre = Position::new(HALF_M * (2.0 * x - 1.0), HALF_M * (2.0 * y - 1.0));
+        let width_m = 0.4 + 0.8 * noise.units(Stream::World, count, 1)[0];
+        let length_m = 0.4 + 0.8 * length;
+        let shape = Shape::rectangle(
+            scaled((centre.x_m, centre.y_m)),
+            scale * length_m,
+            scale * width_m,
+            std::f64::consts::PI * turn,
+        );
+        let keeps_away = |from: Position| shape.distance_m(scaled((from.x_m, from.y_m))) > FREE_M * scale;
+        let room_m = LANE_M + scale * length_m.hypot(width_m) / 2.0;
+        let in_lane = lanes.iter().any(|lane| lane.distance_m(shape.middle()) < room_m);
+        if keeps_away(start) && keeps_away(goal) && !in_lane {
+            obstacles.push(Obstacle {
+                shape,
+                height_m: 0.8 * scale,
+            });
+        }
+    }
+    world.place(obstacles)?;
+    world.set_in_motion(movers)?;
+    Ok(Scenario {
+        world,
+        start: Pose::level(scale * start.x_m, scale * start.y_m, 0.0),
+        goal: scaled((goal.x_m, goal.y_m)),
+    })
+}
+
+/// Walls of a kind of world; the two numbers from 0 to 1 draw their measures.
+fn walls_of(kind: ScenarioKind, width: f64, side: f64) -> Vec<Vec<(f64, f64)>> {
     let mut walls: Vec<Vec<(f64, f64)>> = Vec::new();
     match kind {
         ScenarioKind::Clutter | ScenarioKind::Moving => {}
@@ -104,67 +160,25 @@ pub fn random_world(seed: u64, density: f64, kind: ScenarioKind, scale: f64) -> 
             walls.push(vec![(4.0, -half * far), (4.0, -HALF_M * far)]);
         }
     }
-    let edge = HALF_M - FENCE_M;
-    walls.push(vec![
-        (-edge, -edge),
-        (edge, -edge),
-        (edge, edge),
-        (-edge, edge),
-        (-edge, -edge),
-    ]);
-    let scaled = |(x, y): (f64, f64)| Position::new(scale * x, scale * y);
-    let mut obstacles: Vec<Obstacle> = walls
-        .into_iter()
-        .map(|points| Obstacle {
-            shape: Shape::Wall(points.into_iter().map(scaled).collect()),
-            height_m: 2.0 * scale,
-        })
-        .collect();
-    let movers: Vec<Mover> = if kind == ScenarioKind::Moving {
-        let walk = |n: u32| {
-            let [from, to, speed, phase] = noise.units(Stream::World, 0, 1 + n);
-            let x = |share: f64| 20.0 * share - 10.0;
-            Mover {
-                path: vec![scaled((x(from), -12.0)), scaled((x(to), 12.0))],
-                speed_mps: 0.3 + 0.7 * speed,
-                radius_m: 0.3,
-                start_m: 24.0 * scale * phase,
-            }
-        };
-        (0..6).map(walk).collect()
-    } else {
-        Vec::new()
-    };
-    let lanes: Vec<Shape> = movers.iter().map(|mover| Shape::Wall(mover.path.clone())).collect();
-    let crates = (density * (2.0 * HALF_M).powi(2) / 100.0).round() as u64;
-    for count in 1..=crates {
-        let [x, y, turn, length] = noise.units(Stream::World, count, 0);
-        let centre = Position::new(HALF_M * (2.0 * x - 1.0), HALF_M * (2.0 * y - 1.0));
-        let width_m = 0.4 + 0.8 * noise.units(Stream::World, count, 1)[0];
-        let length_m = 0.4 + 0.8 * length;
-        let shape = Shape::rectangle(
-            scaled((centre.x_m, centre.y_m)),
-            scale * length_m,
-            scale * width_m,
-            std::f64::consts::PI * turn,
-        );
-        let keeps_away = |from: Position| shape.distance_m(scaled((from.x_m, from.y_m))) > FREE_M * scale;
-        let room_m = LANE_M + scale * length_m.hypot(width_m) / 2.0;
-        let in_lane = lanes.iter().any(|lane| lane.distance_m(shape.middle()) < room_m);
-        if keeps_away(start) && keeps_away(goal) && !in_lane {
-            obstacles.push(Obstacle {
-                shape,
-                height_m: 0.8 * scale,
-            });
+    walls
+}
+
+/// People who cross between start and goal, to and fro.
+fn people(noise: Noise, scale: f64) -> Vec<Mover> {
+    let walk = |n: u32| {
+        let [from, to, speed, phase] = noise.units(Stream::World, 0, 1 + n);
+        let x_m = |share: f64| scale * (20.0 * share - 10.0);
+        Mover {
+            path: vec![
+                Position::new(x_m(from), -12.0 * scale),
+                Position::new(x_m(to), 12.0 * scale),
+            ],
+            speed_mps: 0.3 + 0.7 * speed,
+            radius_m: 0.3,
+            start_m: 24.0 * scale * phase,
         }
-    }
-    world.place(obstacles)?;
-    world.set_in_motion(movers)?;
-    Ok(Scenario {
-        world,
-        start: Pose::level(scale * start.x_m, scale * start.y_m, 0.0),
-        goal: scaled((goal.x_m, goal.y_m)),
-    })
+    };
+    (0..6).map(walk).collect()
 }
 
 impl Scenario {
