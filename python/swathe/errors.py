@@ -127,6 +127,12 @@ class InvalidVehicleError(InputError):
     kind = "invalid_vehicle"
 
 
+class GrassError(InputError):
+    """GRASS is missing, or a location, mapset or map of it cannot be used."""
+
+    kind = "grass"
+
+
 class OutputError(InputError):
     """The output folder cannot be written, is full, or is not ours."""
 

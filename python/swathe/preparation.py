@@ -230,8 +230,9 @@ def _soil(
     if terrain.soil is None:
         return None, None, None
     with watch.step("soil"):
+        source = single(terrain.soil)  # first: what has to be fetched for it is then fetched once
         layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
-    return layer.report, layer.codes, single(terrain.soil)
+    return layer.report, layer.codes, source
 
 
 def _averaged(

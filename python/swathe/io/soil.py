@@ -42,7 +42,8 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     """Return the soil of the cells of ``frame`` (which may be a window of the map).
 
     ``source``: a vector (burnt at cell centres) or raster (the nearest cell), a path or http(s) address; one layer of a
-    vector is named by ``PATH|layername=NAME``; ``bundled:jacksboro`` is generated from its elevation. ``field``: the
+    vector is named by ``PATH|layername=NAME``; ``grass:...`` is a map of a GRASS location (``swathe.io.grass``);
+    ``bundled:jacksboro`` is generated from its elevation. ``field``: the
     attribute of a vector that names the soil; by default the one that is understood best. ``legend``: a CSV that says
     what values mean; its column ``class`` holds classes outright.
 
@@ -58,7 +59,7 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     from swathe.io.soil_legend import read_legend
 
     meanings = None if legend is None else read_legend(legend)
-    if layer or PurePath(path.split("?")[0]).suffix.lower() in VECTOR_SUFFIXES:
+    if layer or PurePath(file.path.split("?")[0]).suffix.lower() in VECTOR_SUFFIXES:
         from swathe.io.soil_vector import burn_vector
 
         return burn_vector(file, layer or None, frame, field, meanings)

@@ -1,13 +1,13 @@
-"""What a user may name as an input: a file, a folder, a glob pattern, an http(s) address, or ``bundled:NAME``."""
+"""What a user may name as an input: a file, folder, glob pattern, http(s) address, ``bundled:NAME``, or ``grass:MAP``."""
 
 from __future__ import annotations
 
 import glob
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit, urlunsplit
 
 from swathe.errors import InputError, InvalidParameterError, MissingFileError, UnreadableFileError
@@ -29,16 +29,21 @@ REMOTE_SETTINGS = {
     "GDAL_HTTP_RETRY_DELAY": "1",
 }
 BUNDLED_PREFIX = "bundled:"
+GRASS_PREFIX = "grass:"
 HASH_CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One input. ``name`` is fit to be shown and kept in outputs; ``path`` is what GDAL opens."""
+    """One input. ``name`` is fit to be shown and kept in outputs; ``path`` is what GDAL opens.
+
+    ``keeper`` holds what the path needs to exist, such as a temporary file.
+    """
 
     name: str
     path: str
     is_remote: bool = False
+    keeper: object = field(default=None, repr=False, compare=False)
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the file's bytes, or the word ``remote`` for what is not a local file."""
@@ -81,12 +86,12 @@ def expand(names: Sequence[str]) -> list[Source]:
         raise InvalidParameterError("No elevation was named.", "Give a sequence of at least one path.")
     found: dict[str, Source] = {}
     for name in names:
-        for source in _expand_one(str(name)):
+        for source in _expand_one(str(name), "raster"):
             found.setdefault(source.path, source)
     shown = [source.name for source in found.values()]
     # Files of one name in several folders are told apart by their paths.
     return [
-        source if shown.count(source.name) == 1 else Source(source.path, source.path, source.is_remote)
+        source if shown.count(source.name) == 1 or source.keeper else replace(source, name=source.path)
         for source in found.values()
     ]
 
@@ -99,7 +104,13 @@ def single(name: str) -> Source:
     return sources[0]
 
 
-def _expand_one(name: str) -> list[Source]:
+def _expand_one(name: str, kind: Literal["raster", "vector"] | None = None) -> list[Source]:
+    if name.startswith(GRASS_PREFIX):
+        from swathe.io.grass import fetch, find_map
+
+        place = find_map(name, kind)
+        exported = fetch(place)
+        return [Source(place.shown, str(exported.path), keeper=exported)]
     if name.lower().startswith(("http://", "https://")):
         parts = urlsplit(name)
         # A signed address carries its password in the query: that stays out of everything we write.
