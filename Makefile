@@ -96,6 +96,7 @@ system-packages: ## install what some tests compare with (apt; only when missing
 	@packages=(); \
 	command -v gdaldem >/dev/null || packages+=(gdal-bin); \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || packages+=(chromium); \
+	command -v grass >/dev/null || packages+=(grass-core); \
 	command -v valgrind >/dev/null || packages+=(valgrind); \
 	if [ $${#packages[@]} -eq 0 ]; then exit 0; fi; \
 	printf '\n==> system packages: %s\n' "$${packages[*]}"; \

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 hypothesis.settings.register_profile("swathe", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("swathe")
 
-MARKER_OF_FIXTURE = {"chromium": "browser", "gdaldem": "gdal", "swathe_data": "data"}
+MARKER_OF_FIXTURE = {"chromium": "browser", "gdaldem": "gdal", "grass": "grass", "swathe_data": "data"}
 
 
 def pytest_configure() -> None:
@@ -51,3 +51,9 @@ def gdaldem() -> Path:
 def chromium() -> Path:
     """A real browser."""
     return requirement.program("browser", ("chromium", "chromium-browser"), "chromium")
+
+
+@pytest.fixture(scope="session")
+def grass() -> Path:
+    """GRASS, whose locations are read and written."""
+    return requirement.program("grass", ("grass",), "grass-core")

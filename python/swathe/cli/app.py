@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -437,6 +437,50 @@ def report(
 
     say.line({"status": "done", "outputs": {"report": str(path := write_html(folder))}}, str(path), as_json=json)
     return 0
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="A run's folder.")],
+    *,
+    to: Annotated[Literal["grass"], typer.Option("--format", help="What to write.")],  # noqa: ARG001 - one so far
+    location: Annotated[Path, typer.Option("--location", help="GRASS location; made when it is not there.")],
+    mapset: Annotated[str, typer.Option("--mapset", help="Its mapset; made when it is not there.")] = "swathe",
+    prefix: Annotated[str, typer.Option("--prefix", help="How the names of the maps begin.")] = "swathe",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace maps of these names.")] = False,
+    dem: Annotated[
+        list[str] | None,
+        typer.Option("--dem", help="Elevation of the run, as it was given there; without it none is written."),
+    ] = None,
+    cell_size: CellSize = None,
+    height_range: HeightRange = None,
+    crs: Crs = None,
+    json: Json = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """Write a run's ranks, nests, route and elevation for another program.
+
+    Example:
+
+      swathe export swathe-plan --format grass --location grassdata/hills --dem dem.tif
+    """
+    from swathe.cli import export as exporting
+
+    terrain = terrain_request(
+        dem=dem or [],
+        soil=None,
+        soil_field=None,
+        soil_legend=None,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=None,
+        bounds=None,
+        memory_limit=None,
+    )
+    return exporting.write(
+        folder, location, mapset=mapset, prefix=prefix, overwrite=overwrite, terrain=terrain, as_json=json
+    )
 
 
 @app.command()

@@ -18,14 +18,19 @@ Dem = Annotated[
     list[str],
     typer.Option(
         "--dem",
-        help="Elevation: a file, folder, pattern or http(s) address of anything GDAL reads, or bundled:jacksboro. "
-        "Several are put together.",
+        help="Elevation: a file, folder, pattern or http(s) address of anything GDAL reads, bundled:jacksboro, or "
+        "grass:LOCATION/MAPSET/MAP. Several are put together.",
         rich_help_panel=GROUND,
     ),
 ]
 Soil = Annotated[
     str | None,
-    typer.Option("--soil", help="Soil map: vector or raster, or bundled:jacksboro.", rich_help_panel=GROUND),
+    typer.Option(
+        "--soil",
+        help="Soil map: vector or raster, bundled:jacksboro, grass:LOCATION/MAPSET/MAP, or "
+        "postgresql://HOST/DATABASE?table=SCHEMA.TABLE.",
+        rich_help_panel=GROUND,
+    ),
 ]
 SoilField = Annotated[
     str | None, typer.Option("--soil-field", help="Attribute of the soil map that names the soil, e.g. cat.")

@@ -115,6 +115,10 @@ def find_map(address: str, kind: Kind | None = None) -> GrassMap:
         raise GrassError(
             f"The mapset {mapset} has a raster and a vector {name!r}.", "Add ?type=raster or ?type=vector to the name."
         )
+    if (out_of_place := "layer" if found[0] == "raster" else "region") in options:
+        raise GrassError(
+            f"{address} is a {found[0]}, for which there is no {out_of_place}.", f"Leave out {out_of_place}."
+        )
     return GrassMap(location, mapset, name, found[0], options.get("region"), options.get("layer", "1"))
 
 

@@ -37,7 +37,7 @@ MEANINGS: tuple[tuple[str, str, str], ...] = (
         "Install that version, or export the map there as GeoTIFF or GeoPackage.",
     ),
     (
-        r"Unable to open database|Connection failed|DBMI-\w+ driver error|Unable to describe table|to fetch data from",
+        r"Unable to open database|Connection failed|DBMI-\w+ driver error|Unable to describe table",
         "{name} keeps its attributes in a database that does not answer as it should: {detail}",
         "Start the server and check `db.connect`; a password belongs in PGPASSWORD or ~/.pgpass.",
     ),
@@ -46,7 +46,11 @@ MEANINGS: tuple[tuple[str, str, str], ...] = (
         "{name} lies in a database or file that cannot be opened: {detail}",
         "Start the server and check `v.external`; a password belongs in PGPASSWORD or ~/.pgpass.",
     ),
-    (r"No space left|write error|[Ff]ailed to write", "There is no room for {name} in {work}.", "Make room, or set TMPDIR."),
+    (
+        r"No space left|write error|[Ff]ailed to write",
+        "There is no room for {name} in {work}.",
+        "Make room, or set TMPDIR.",
+    ),
     (
         r"topology|on level 2",
         "{name} has no valid topology.",
@@ -158,25 +162,20 @@ def _explained(code: int, said: str, name: str, mapset: str, work: Path) -> Gras
             facts = {"name": name, "mapset": mapset, "detail": detail, "work": work, "map": name.rpartition("/")[2]}
             return GrassError(message.format(**facts), remedy.format(**facts))
     return GrassError(
-        f"GRASS cannot read {name}: {detail}", "The map is damaged, or written by a newer GRASS; check it with r.info or v.info."
+        f"GRASS cannot read {name}: {detail}",
+        "The map is damaged, or written by a newer GRASS; check it with r.info or v.info.",
     )
 
 
 def _detail(said: str) -> str:
     """Return the line of GRASS's words that says most, without secrets."""
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    # GRASS breaks its lines at 80 signs and sets the rest in.
+    whole = re.sub(r"\n {7,9}(?=\S)", " ", said)
+    lines = [line.strip() for line in whole.splitlines() if line.strip()]
     telling = [line for line in lines if re.search(r"failed:|FATAL", line)]
     errors = [line for line in lines if line.startswith("ERROR")]
     best = (telling or errors or lines or ["it said nothing"])[0]
-    begin = lines.index(best) if best in lines else 0
-    # GRASS breaks its lines at 80 signs and sets the rest in.
-    whole = [best]
-    raw = [line for line in said.splitlines() if line.strip()]
-    for line in raw[begin + 1 :]:
-        if not line.startswith("       ") or not best.startswith("ERROR"):
-            break
-        whole.append(line.strip())
-    return scrubbed(" ".join(whole).removeprefix("ERROR:").strip())
+    return scrubbed(best.removeprefix("ERROR:").strip())
 
 
 def scrubbed(text: str) -> str:

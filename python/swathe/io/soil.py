@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swathe.errors import NoOverlapError, SoilFieldError, UnreadableFileError
-from swathe.io.sources import BUNDLED_PREFIX, Source, single
+from swathe.io.sources import BUNDLED_PREFIX, TABLE_PREFIXES, Source, single
 from swathe.soil import SoilClass, SoilEntry, SoilReport
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     """Return the soil of the cells of ``frame`` (which may be a window of the map).
 
     ``source``: a vector (burnt at cell centres) or raster (the nearest cell), a path or http(s) address; one layer of a
-    vector is named by ``PATH|layername=NAME``; ``grass:...`` is a map of a GRASS location (``swathe.io.grass``);
+    vector is named by ``PATH|layername=NAME``; ``grass:...`` is a map of a GRASS location (``swathe.io.grass``) and
+    ``postgresql://...?table=SCHEMA.NAME`` a table with a geometry column (``swathe.io.soil_table``);
     ``bundled:jacksboro`` is generated from its elevation. ``field``: the
     attribute of a vector that names the soil; by default the one that is understood best. ``legend``: a CSV that says
     what values mean; its column ``class`` holds classes outright.
@@ -59,6 +60,10 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     from swathe.io.soil_legend import read_legend
 
     meanings = None if legend is None else read_legend(legend)
+    if path.startswith(TABLE_PREFIXES):
+        from swathe.io.soil_table import burn_table
+
+        return burn_table(file, frame, field, meanings)
     if layer or PurePath(file.path.split("?")[0]).suffix.lower() in VECTOR_SUFFIXES:
         from swathe.io.soil_vector import burn_vector
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,8 +64,35 @@ def burn_vector(source: Source, layer: str | None, frame: Frame, field: str | No
             "Name one of them with `--soil-field`.",
         )
     crs_wkt = None if not info["crs"] else horizontal(parse_crs(info["crs"])).to_wkt()
-    require_system(source, frame, crs_wkt)
-    polygons, columns = _near(source, layer, frame, crs_wkt, None if field is None else [field])
+    surroundings = surroundings_of(source, frame, crs_wkt)
+    meta, _, wkb, data = _ask(
+        source,
+        pyogrio.raw.read,
+        layer=layer,
+        bbox=surroundings.box,
+        columns=None if field is None else [field],
+        force_2d=True,
+    )
+    present = np.array([geometry is not None for geometry in wkb], dtype=bool)
+    columns = {str(name): values[present] for name, values in zip(meta["fields"], data, strict=True)}
+    return burn_polygons(source, surroundings.polygons(wkb[present]), columns, frame, field=field, legend=legend)
+
+
+def burn_polygons(
+    source: Source,
+    polygons: NDArray[Any],
+    columns: Mapping[str, NDArray[Any]],
+    frame: Frame,
+    *,
+    field: str | None,
+    legend: Legend | None,
+) -> SoilLayer:
+    """Return the soil of a frame's cells from polygons in its coordinates and their attributes by name.
+
+    Raises as ``swathe.io.soil.read_soil``.
+    """
+    if len(polygons) == 0:
+        raise NoOverlapError(f"{source.name} lies outside the map.", "Name a soil map of the same region.")
     chosen, values = _choose_field(source, columns, field, legend)
     distinct = sorted(set(values), key=lambda value: (len(value), value))
     meanings = _meanings(source, chosen, distinct, legend, columns)
@@ -94,42 +122,52 @@ def _ask(source: Source, question: Any, **options: Any) -> Any:  # noqa: ANN401 
         raise source.refusal(error) from error
 
 
-def _near(
-    source: Source, layer: str, frame: Frame, crs_wkt: str | None, wanted: list[str] | None
-) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Return the polygons near a frame in its coordinates, and their attributes by name."""
-    nowhere = NoOverlapError(f"{source.name} lies outside the map.", "Name a soil map of the same region.")
+@dataclass(frozen=True)
+class Surroundings:
+    """What lies near a frame in the system of a soil map: ``box`` is west, south, east, north there."""
+
+    frame: Frame
+    crs_wkt: str | None
+    box: tuple[float, float, float, float]
+    margin: float
+
+    def polygons(self, wkb: NDArray[Any]) -> NDArray[Any]:
+        """Return geometries of the soil map (as WKB) repaired, cut to the box, and in the coordinates of the frame."""
+        polygons = shapely.from_wkb(wkb, on_invalid="ignore")
+        # Cutting comes after the repair: it takes no invalid polygons.
+        broken = ~shapely.is_valid(polygons)
+        polygons[broken] = shapely.make_valid(polygons[broken])
+        polygons = shapely.clip_by_rect(polygons, *self.box)
+        if self.crs_wkt is None:
+            return _moved(polygons, local_from_file(self.frame))
+        if self.crs_wkt != self.frame.crs_wkt:
+            polygons = shapely.segmentize(polygons, self.margin)
+            transformer = transformer_between(self.crs_wkt, str(self.frame.crs_wkt))
+
+            def to_frame(points: NDArray[np.float64]) -> NDArray[np.float64]:
+                return np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
+
+            polygons = shapely.transform(polygons, to_frame)
+        return polygons
+
+
+def surroundings_of(source: Source, frame: Frame, crs_wkt: str | None) -> Surroundings:
+    """Return where in a soil map the surroundings of a frame lie.
+
+    Raises:
+        MissingCrsError: only one of the map and the frame has a coordinate reference system.
+        NoOverlapError: the frame has no place in the system of the map.
+    """
+    require_system(source, frame, crs_wkt)
     box = frame_box(frame, crs_wkt)
     if box is None:
-        raise nowhere
-    local = local_from_file(frame)
+        raise NoOverlapError(f"{source.name} lies outside the map.", "Name a soil map of the same region.")
     if crs_wkt is None:
-        inverse = ~local
+        inverse = ~local_from_file(frame)
         box = (*(inverse @ box[:2]), *(inverse @ box[2:]))
     west, south, east, north = box
     margin = max(east - west, north - south) / PIECES
-    box = (west - margin, south - margin, east + margin, north + margin)
-    meta, _, wkb, data = _ask(source, pyogrio.raw.read, layer=layer, bbox=box, columns=wanted, force_2d=True)
-    present = np.array([geometry is not None for geometry in wkb], dtype=bool)
-    if not present.any():
-        raise nowhere
-    polygons = shapely.from_wkb(wkb[present], on_invalid="ignore")
-    columns = {str(name): values[present] for name, values in zip(meta["fields"], data, strict=True)}
-    # Cutting comes after the repair: it takes no invalid polygons.
-    broken = ~shapely.is_valid(polygons)
-    polygons[broken] = shapely.make_valid(polygons[broken])
-    polygons = shapely.clip_by_rect(polygons, *box)
-    if crs_wkt is None:
-        return _moved(polygons, local), columns
-    if crs_wkt != frame.crs_wkt:
-        polygons = shapely.segmentize(polygons, margin)
-        transformer = transformer_between(crs_wkt, str(frame.crs_wkt))
-
-        def to_frame(points: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
-
-        polygons = shapely.transform(polygons, to_frame)
-    return polygons, columns
+    return Surroundings(frame, crs_wkt, (west - margin, south - margin, east + margin, north + margin), margin)
 
 
 def _moved(polygons: NDArray[Any], way: Affine) -> NDArray[Any]:

@@ -1,4 +1,7 @@
-"""What a user may name as an input: a file, folder, glob pattern, http(s) address, ``bundled:NAME``, or ``grass:MAP``."""
+"""What a user may name as an input.
+
+A file, a folder, a glob pattern, an http(s) address, ``bundled:NAME``, ``grass:MAP``, or a table ``postgresql:...``.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +33,7 @@ REMOTE_SETTINGS = {
 }
 BUNDLED_PREFIX = "bundled:"
 GRASS_PREFIX = "grass:"
+TABLE_PREFIXES = ("postgresql://", "postgres://")
 HASH_CHUNK_BYTES = 1 << 20
 
 
@@ -105,12 +109,8 @@ def single(name: str) -> Source:
 
 
 def _expand_one(name: str, kind: Literal["raster", "vector"] | None = None) -> list[Source]:
-    if name.startswith(GRASS_PREFIX):
-        from swathe.io.grass import fetch, find_map
-
-        place = find_map(name, kind)
-        exported = fetch(place)
-        return [Source(place.shown, str(exported.path), keeper=exported)]
+    if name.startswith((GRASS_PREFIX, *TABLE_PREFIXES)):
+        return [_kept_elsewhere(name, kind)]
     if name.lower().startswith(("http://", "https://")):
         parts = urlsplit(name)
         # A signed address carries its password in the query: that stays out of everything we write.
@@ -133,6 +133,21 @@ def _expand_one(name: str, kind: Literal["raster", "vector"] | None = None) -> l
     if ":" in name and not path.parent.is_dir():  # a GDAL name such as NETCDF:"file.nc":height
         return [Source(name, name)]
     raise MissingFileError(f"{name} does not exist.", "Check the path.")
+
+
+def _kept_elsewhere(name: str, kind: Literal["raster", "vector"] | None) -> Source:
+    """Return what another program keeps."""
+    if name.startswith(GRASS_PREFIX):
+        from swathe.io.grass import fetch, find_map
+
+        place = find_map(name, kind)
+        exported = fetch(place)
+        return Source(place.shown, str(exported.path), keeper=exported)
+    if kind == "raster":
+        raise InvalidParameterError("A table in PostgreSQL is no elevation.", "Name it as `--soil`.")
+    from swathe.io.soil_table import table_address
+
+    return Source(table_address(name).shown, name, is_remote=True)
 
 
 def _file(path: Path) -> Source:

@@ -1,0 +1,307 @@
+"""Soil from a table of PostGIS that somebody else keeps: ``postgresql://[USER@]HOST[:PORT]/DATABASE?table=SCHEMA.NAME``.
+
+The geometry column and its system come from the catalogue of PostGIS; ``&geometry=COLUMN`` chooses among several. Only
+what lies near the map is fetched, in batches, in a transaction that can only read. The password comes from PGPASSWORD
+or ``~/.pgpass``, as with every program of PostgreSQL: an address that holds one is refused, because others on the
+machine could read it.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, NoReturn
+from urllib.parse import parse_qsl, quote, unquote, urlencode, urlsplit, urlunsplit
+
+import numpy as np
+
+from swathe.errors import (
+    InvalidCrsError,
+    InvalidParameterError,
+    MissingCrsError,
+    MissingExtraError,
+    SoilFieldError,
+    StoreSchemaError,
+    StoreUnavailableError,
+    UnreadableFileError,
+)
+from swathe.io.crs import horizontal, parse_crs
+from swathe.io.soil_vector import burn_polygons, surroundings_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from swathe.io.crs import Frame
+    from swathe.io.soil import SoilLayer
+    from swathe.io.soil_legend import Legend
+    from swathe.io.sources import Source
+
+BATCH_ROWS = 4096
+CONNECT_TIMEOUT_S = 10
+# A server that has gone silent is given up after about a minute.
+KEEPALIVES = {"keepalives_idle": 20, "keepalives_interval": 10, "keepalives_count": 4, "tcp_user_timeout": 60_000}
+# Columns of other types name no soil.
+PLAIN_TYPES = (
+    "smallint", "integer", "bigint", "numeric", "real", "double precision", "text", "character", "character varying",
+    "name", "boolean",
+)  # fmt: skip
+SECRETS = ("password", "sslpassword", "passfile")
+
+
+@dataclass(frozen=True, slots=True)
+class TableAddress:
+    """A table of a database; ``connection`` has no password, ``shown`` neither that nor a user."""
+
+    connection: str
+    shown: str
+    schema: str | None
+    table: str
+    geometry: str | None
+
+    @property
+    def name(self) -> str:
+        """The table's name with its schema when that was given."""
+        return self.table if self.schema is None else f"{self.schema}.{self.table}"
+
+
+def table_address(address: str) -> TableAddress:
+    """Return the parts of an address. Raises InvalidParameterError, which never repeats a password."""
+    try:
+        parts = urlsplit(address)
+        _ = parts.port
+    except ValueError as error:
+        raise InvalidParameterError("The address of the soil table cannot be read.", _EXAMPLE) from error
+    options = parse_qsl(parts.query, keep_blank_values=True)
+    if parts.password is not None or any(name.lower() in SECRETS for name, _ in options):
+        raise InvalidParameterError(
+            "The address of the soil table holds a password, which others on this machine could read.",
+            "Leave it out, and put it into the variable PGPASSWORD or the file ~/.pgpass.",
+        )
+    chosen = dict(options)
+    table = chosen.pop("table", "")
+    geometry = chosen.pop("geometry", None)
+    names = _split_name(table)
+    # The host may be the folder of a socket, given among the options.
+    host = parts.hostname or (chosen.get("host", "") if "/" not in chosen.get("host", "") else "")
+    shown = f"{parts.scheme}://{host}{parts.path}?table={table}"
+    if names is None:
+        raise InvalidParameterError(f"{shown} does not name a table.", _EXAMPLE)
+    query = urlencode(chosen, quote_via=quote)
+    connection = urlunsplit(("postgresql", parts.netloc, parts.path, query, ""))
+    schema, table = names
+    return TableAddress(connection, shown, schema, table, geometry)
+
+
+_EXAMPLE = "Write postgresql://USER@HOST/DATABASE?table=SCHEMA.NAME."
+
+
+def burn_table(source: Source, frame: Frame, field: str | None, legend: Legend | None) -> SoilLayer:
+    """Return the soil of a frame's cells from a table of polygons.
+
+    Raises as ``swathe.io.soil.read_soil``, and StoreUnavailableError when the server does not answer or went away.
+    """
+    address = table_address(source.path)
+    with _reading(address) as connection:
+        schema, geometry, srid, is_geography = _geometry_column(connection, address)
+        crs_wkt = _system(connection, address, srid)
+        fields = _fields(connection, schema, address.table)
+        if field is not None and field not in fields:
+            raise SoilFieldError(
+                f"{source.name} has no field {field!r}; it has {', '.join(fields) or 'none'}.",
+                "Name one of them with `--soil-field`.",
+            )
+        wanted = fields if field is None else [field]
+        surroundings = surroundings_of(source, frame, crs_wkt)
+        statement = _statement(schema, address.table, geometry, wanted, is_geography=is_geography)
+        polygons: list[NDArray[Any]] = []
+        keys: list[bytes] = []
+        values: list[tuple[Any, ...]] = []
+        with connection.cursor(name="swathe_soil", binary=True) as cursor:
+            cursor.itersize = BATCH_ROWS
+            cursor.execute(statement, (*surroundings.box, srid))
+            while rows := cursor.fetchmany(BATCH_ROWS):
+                wkb = np.array([bytes(row[0]) for row in rows], dtype=object)
+                # Cut to the surroundings at once: what is kept is no larger than the map.
+                polygons.append(surroundings.polygons(wkb))
+                keys.extend(_digest(one) for one in wkb)
+                values.extend(row[1:] for row in rows)
+    # A table has no order, and the same table shall give the same result.
+    order = sorted(range(len(keys)), key=lambda n: (keys[n], tuple(map(str, values[n]))))
+    found = np.concatenate(polygons)[order] if polygons else np.array([], dtype=object)
+    columns = {name: _column([values[n][number] for n in order]) for number, name in enumerate(wanted)}
+    return burn_polygons(source, found, columns, frame, field=field, legend=legend)
+
+
+@contextmanager
+def _reading(address: TableAddress) -> Iterator[Any]:
+    """Give a connection that can only read; whatever the server does becomes a plain error."""
+    try:
+        import psycopg
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            "PostgreSQL needs the library psycopg, which is not installed.",
+            "Install it with `pip install 'swathe[postgis]'`.",
+        ) from error
+    given = urlsplit(address.connection).query
+    defaults = {name: value for name, value in KEEPALIVES.items() if name not in given}
+    if "connect_timeout" not in given:
+        defaults["connect_timeout"] = CONNECT_TIMEOUT_S
+    try:
+        with psycopg.connect(address.connection, application_name="swathe", **defaults) as connection:
+            connection.read_only = True
+            connection.isolation_level = psycopg.IsolationLevel.REPEATABLE_READ
+            yield connection
+    except psycopg.errors.InsufficientPrivilege as error:
+        raise _unreadable(address) from error
+    except psycopg.ProgrammingError as error:
+        if error.sqlstate is None:  # it never came to the server
+            raise InvalidParameterError(f"{address.shown}: {_said(error)}", _EXAMPLE) from error
+        raise UnreadableFileError(f"{address.shown} cannot be read: {_said(error)}", "Check the table.") from error
+    except psycopg.OperationalError as error:
+        raise StoreUnavailableError(f"{address.shown}: {_said(error)}", _remedy(str(error))) from error
+    except psycopg.Error as error:
+        raise UnreadableFileError(f"{address.shown} cannot be read: {_said(error)}", "Check the table.") from error
+
+
+def _said(error: Exception) -> str:
+    """Return the words of the server on one line. They hold no password: none is ever sent in the clear."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words if words.endswith((".", "?", "!")) else f"{words}."
+
+
+def _remedy(said: str) -> str:
+    if "password" in said or "authentication" in said:
+        return "Put the right password into PGPASSWORD or ~/.pgpass."
+    if "does not exist" in said:
+        return "Check the names in the address."
+    return "Check that the server runs and can be reached."
+
+
+def _geometry_column(connection: Any, address: TableAddress) -> tuple[str, str, int, bool]:  # noqa: ANN401
+    """Return the schema of the table, its geometry column, the SRID, and whether it is of type geography."""
+    if connection.execute("SELECT to_regclass('geometry_columns')").fetchone()[0] is None:
+        raise StoreSchemaError(
+            f"{address.shown} lies in a database without PostGIS.", "Ask its owner for CREATE EXTENSION postgis."
+        )
+    rows = connection.execute(
+        "SELECT f_table_schema, f_table_name, f_geometry_column, srid, false FROM geometry_columns UNION ALL "
+        "SELECT f_table_schema, f_table_name, f_geography_column, srid, true FROM geography_columns"
+    ).fetchall()
+    own = [row for row in rows if row[1] == address.table and address.schema in (None, row[0])]
+    if address.schema is None and len({row[0] for row in own}) > 1:
+        shown = ", ".join(sorted({f"{row[0]}.{row[1]}" for row in own}))
+        raise UnreadableFileError(f"{address.shown} can mean {shown}.", "Give the schema too.")
+    columns = [str(row[2]) for row in own]
+    if not own:
+        _refuse_table(connection, address, sorted({f"{row[0]}.{row[1]}" for row in rows}))
+    if address.geometry is not None:
+        own = [row for row in own if row[2] == address.geometry]
+    if len(own) != 1:
+        raise UnreadableFileError(
+            f"{address.shown} has the geometry columns {', '.join(columns)}.", "Choose one with &geometry=COLUMN."
+        )
+    schema, _, column, srid, is_geography = own[0]
+    return str(schema), str(column), int(srid), bool(is_geography)
+
+
+def _refuse_table(connection: Any, address: TableAddress, spatial: list[str]) -> NoReturn:  # noqa: ANN401
+    found = connection.execute(
+        "SELECT bool_or(has_table_privilege(c.oid, 'SELECT')) FROM pg_class c "
+        "JOIN pg_namespace n ON n.oid = c.relnamespace WHERE c.relname = %s AND (%s::text IS NULL OR n.nspname = %s)",
+        (address.table, address.schema, address.schema),
+    ).fetchone()[0]
+    if found is False:
+        raise _unreadable(address)
+    own = {name.rpartition(".")[2]: name for name in spatial}
+    near = [own[name] for name in get_close_matches(address.table, list(own), 3)] or spatial[:8]
+    remedy = f"There is {', '.join(near)}." if near else "No table of this database has one that you may read."
+    raise UnreadableFileError(f"{address.shown} {'has no geometry column' if found else 'does not exist'}.", remedy)
+
+
+def _unreadable(address: TableAddress) -> UnreadableFileError:
+    return UnreadableFileError(
+        f"{address.shown} may not be read by this user.", f"Ask its owner for GRANT SELECT ON {address.name}."
+    )
+
+
+def _system(connection: Any, address: TableAddress, srid: int) -> str | None:  # noqa: ANN401
+    """Return the coordinate reference system of an SRID as WKT, or None for SRID 0, which says nothing."""
+    if srid == 0:
+        return None
+    found = connection.execute(
+        "SELECT auth_name, auth_srid, srtext, proj4text FROM spatial_ref_sys WHERE srid = %s", (srid,)
+    ).fetchone()
+    if found is None:
+        raise MissingCrsError(
+            f"{address.shown} has the SRID {srid}, which its database does not explain.", "Add it to spatial_ref_sys."
+        )
+    authority, number, wkt, proj = found
+    for text in (f"{authority}:{number}" if authority and number else None, wkt, proj):
+        if text:
+            try:
+                return horizontal(parse_crs(text)).to_wkt()
+            except InvalidCrsError:
+                continue
+    raise InvalidCrsError(
+        f"{address.shown} has the SRID {srid}, which is no system that is known.", "Mend its line in spatial_ref_sys."
+    )
+
+
+def _fields(connection: Any, schema: str, table: str) -> list[str]:  # noqa: ANN401
+    """Return the columns that could name a soil, in the table's order."""
+    rows = connection.execute(
+        "SELECT a.attname, format_type(a.atttypid, NULL), t.typtype FROM pg_attribute a "
+        "JOIN pg_class c ON c.oid = a.attrelid JOIN pg_namespace n ON n.oid = c.relnamespace "
+        "JOIN pg_type t ON t.oid = a.atttypid "
+        "WHERE n.nspname = %s AND c.relname = %s AND a.attnum > 0 AND NOT a.attisdropped ORDER BY a.attnum",
+        (schema, table),
+    ).fetchall()
+    return [str(name) for name, kind, sort in rows if kind in PLAIN_TYPES or sort in ("e", b"e")]
+
+
+def _statement(schema: str, table: str, geometry: str, fields: list[str], *, is_geography: bool) -> Any:  # noqa: ANN401
+    from psycopg import sql
+
+    shape = sql.Identifier(geometry)
+    box = sql.SQL("ST_MakeEnvelope(%s, %s, %s, %s, %s)")
+    # Enumerations and names come as text; numbers as the server holds them.
+    return sql.SQL(
+        "SELECT ST_AsBinary(ST_Force2D(ST_CurveToLine({shape}{cast}))){fields} FROM {table} WHERE {shape} && {box}"
+    ).format(
+        shape=shape,
+        cast=sql.SQL("::geometry" if is_geography else ""),
+        fields=sql.SQL("").join(sql.SQL(", {}").format(sql.Identifier(field)) for field in fields),
+        table=sql.Identifier(schema, table),
+        box=sql.SQL("{}::geography").format(box) if is_geography else box,
+    )
+
+
+def _digest(wkb: bytes) -> bytes:
+    from hashlib import blake2b
+
+    return blake2b(wkb, digest_size=16).digest()
+
+
+def _column(values: list[Any]) -> NDArray[Any]:
+    """Return a column as floats where it holds numbers alone, else as it is."""
+    from decimal import Decimal
+
+    known = [value for value in values if value is not None]
+    if known and all(isinstance(value, int | float | Decimal) and not isinstance(value, bool) for value in known):
+        return np.array([np.nan if value is None else float(value) for value in values])
+    column = np.empty(len(values), dtype=object)
+    column[:] = values
+    return column
+
+
+def _split_name(name: str) -> tuple[str | None, str] | None:
+    """Return schema and table of ``schema.table``; either may stand in double quotes, which keep dots."""
+    found = re.fullmatch(r'(?:("(?:[^"]|"")+"|[^".]+)\.)?("(?:[^"]|"")+"|[^".]+)', unquote(name))
+    if found is None:
+        return None
+    schema, table = (None if part is None else part.strip('"').replace('""', '"') for part in found.groups())
+    return schema, str(table)
