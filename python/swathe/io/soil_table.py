@@ -147,7 +147,7 @@ def _reading(address: TableAddress) -> Iterator[Any]:
             "Install it with `pip install 'swathe[postgis]'`.",
         ) from error
     given = urlsplit(address.connection).query
-    defaults = {name: value for name, value in KEEPALIVES.items() if name not in given}
+    defaults: dict[str, Any] = {name: value for name, value in KEEPALIVES.items() if name not in given}
     if "connect_timeout" not in given:
         defaults["connect_timeout"] = CONNECT_TIMEOUT_S
     try:

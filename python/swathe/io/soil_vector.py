@@ -133,7 +133,7 @@ class Surroundings:
 
     def polygons(self, wkb: NDArray[Any]) -> NDArray[Any]:
         """Return geometries of the soil map (as WKB) repaired, cut to the box, and in the coordinates of the frame."""
-        polygons = shapely.from_wkb(wkb, on_invalid="ignore")
+        polygons: NDArray[Any] = shapely.from_wkb(wkb, on_invalid="ignore")
         # Cutting comes after the repair: it takes no invalid polygons.
         broken = ~shapely.is_valid(polygons)
         polygons[broken] = shapely.make_valid(polygons[broken])
