@@ -28,6 +28,7 @@ __all__ = [
     "sensor",
     "sim",
     "soil",
+    "store",
     "swarm",
     "terrain",
     "vehicle",
