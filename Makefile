@@ -98,6 +98,8 @@ system-packages: ## install what some tests compare with (apt; only when missing
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || packages+=(chromium); \
 	command -v grass >/dev/null || packages+=(grass-core); \
 	command -v valgrind >/dev/null || packages+=(valgrind); \
+	compgen -G '/usr/share/postgresql/*/extension/postgis_raster.control' >/dev/null \
+		|| packages+=(postgresql-15-postgis-3 postgresql-15-postgis-3-scripts); \
 	if [ $${#packages[@]} -eq 0 ]; then exit 0; fi; \
 	printf '\n==> system packages: %s\n' "$${packages[*]}"; \
 	if [ "$$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then \
