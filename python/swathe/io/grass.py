@@ -9,6 +9,8 @@ After the name may follow ``?region=NAME`` (a saved region, or ``current``), ``?
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import tempfile
 import threading
@@ -17,7 +19,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, NoReturn
 from urllib.parse import parse_qsl
-from weakref import WeakValueDictionary
+from weakref import WeakValueDictionary, finalize
 
 from swathe.errors import GrassError
 from swathe.io.grass_session import run_in
@@ -31,6 +33,8 @@ NULL_CELL = -(2**31)
 CURRENT_REGION = "current"
 OPTIONS = ("region", "layer", "type")
 PERMANENT = "PERMANENT"
+# What a map says of the server that it lies on: libpq's words, with blanks or commas between.
+CONNECTION = re.compile(r"\b(host|port|user)\s*=\s*(?:'([^']*)'|([^\s,;|']+))")
 
 Kind = Literal["raster", "vector"]
 
@@ -76,10 +80,10 @@ class GrassMap:
 class Exported:
     """A map as a file that GDAL reads, for as long as somebody holds this."""
 
-    def __init__(self, path: Path, stamp: object, folder: tempfile.TemporaryDirectory[str]) -> None:
+    def __init__(self, path: Path, stamp: object) -> None:
         self.path = path
         self.stamp = stamp
-        self._folder = folder
+        finalize(self, shutil.rmtree, path.parent, ignore_errors=True)
 
 
 _exports: WeakValueDictionary[GrassMap, Exported] = WeakValueDictionary()
@@ -94,13 +98,14 @@ def find_map(address: str, kind: Kind | None = None) -> GrassMap:
     """
     path, _, query = address.removeprefix(PREFIX).partition("?")
     options = _options(address, query)
-    given = Path(path).expanduser()
+    # Not Path.expanduser, which fails on a user that does not exist.
+    given = Path(os.path.expanduser(path))  # noqa: PTH111
     name, marked, mapset = given.name.rpartition("@")
     if marked:
         location = given.parent
     else:
         name, mapset, location = given.name, given.parent.name, given.parent.parent
-    if not name or not mapset or location == given:
+    if not name or not mapset or location == given or "\0" in path:
         raise GrassError(f"{address} names no map.", EXAMPLE)
     location = location.absolute()
     require_location(location)
@@ -226,17 +231,46 @@ def _stamp(place: GrassMap) -> tuple[tuple[str, int, int], ...]:
 
 
 def _export(place: GrassMap, stamp: object) -> Exported:
-    # The folder goes with the last holder, or now when something fails.
-    folder = tempfile.TemporaryDirectory(prefix="swathe-grass-")
-    work = Path(folder.name)
-    here = _linked(place, work)
-    result = work / f"{place.name}{'.tif' if place.kind == 'raster' else '.gpkg'}"
-    commands = _raster_commands(place, result) if place.kind == "raster" else _vector_commands(place, result)
-    run_in(here, commands, place.shown, work)
-    if not result.is_file():
-        raise GrassError(f"{place.shown} holds no areas.", "Name a vector of areas, or a raster.")
-    shutil.rmtree(here.parent)
-    return Exported(result, stamp, folder)
+    work = Path(tempfile.mkdtemp(prefix="swathe-grass-"))
+    try:
+        here = _linked(place, work)
+        result = work / f"{place.name}{'.tif' if place.kind == 'raster' else '.gpkg'}"
+        commands = _raster_commands(place, result) if place.kind == "raster" else _vector_commands(place, result)
+        run_in(here, commands, place.shown, work, _server(place))
+        _require_content(result, place)
+        shutil.rmtree(here.parent)
+        return Exported(result, stamp)
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+
+
+def _require_content(result: Path, place: GrassMap) -> None:
+    import pyogrio
+
+    if place.kind == "vector" and not (result.is_file() and pyogrio.read_info(result)["features"]):
+        raise GrassError(
+            f"{place.shown} holds no areas with a category in layer {place.layer}.",
+            "Name a vector of areas, a raster, or another layer with ?layer=NUMBER.",
+        )
+
+
+def _server(place: GrassMap) -> dict[str, str]:
+    """Return how PostgreSQL's library finds the server of a vector that lies there or has its attributes there.
+
+    GRASS itself takes host, port and user of attributes from `db.login` alone.
+    """
+    told: dict[str, str] = {}
+    for name in ("frmt", "dbln"):
+        try:
+            text = (place.folder / "vector" / place.name / name).read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            continue
+        for line in text.splitlines():
+            if name == "frmt" or line.endswith("|pg"):
+                for key, quoted, plain in CONNECTION.findall(line):
+                    told.setdefault(f"PG{key.upper()}", quoted or plain)
+    return told
 
 
 def _linked(place: GrassMap, work: Path) -> Path:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from swathe.errors import GrassError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 INSTALL = "Install it with: sudo apt-get install --no-install-recommends grass-core"
 # A session inside a session, and Python packages of this environment, would both be taken for GRASS's own.
@@ -77,17 +77,25 @@ def grass_program() -> str:
     return found
 
 
-def run_in(mapset: Path, commands: Sequence[Sequence[str]], name: str, work: Path) -> str:
+def run_in(
+    mapset: Path, commands: Sequence[Sequence[str]], name: str, work: Path, variables: Mapping[str, str] | None = None
+) -> str:
     """Run modules in a mapset and return what they print; ``name`` is what they are about, ``work`` a folder of ours.
+
+    ``variables``: of the surroundings, where the user has not set them.
 
     Raises:
         GrassError: GRASS is missing, a module failed or was killed; nothing of GRASS runs any more.
     """
     script = "\n".join(shlex.join(command) for command in commands)
-    return call(["--text", str(mapset), "--exec", "sh", "-e", "-c", script], name, work, mapset=mapset.name)
+    return call(
+        ["--text", str(mapset), "--exec", "sh", "-e", "-c", script], name, work, mapset=mapset.name, variables=variables
+    )
 
 
-def call(words: Sequence[str], name: str, work: Path, *, mapset: str = "") -> str:
+def call(
+    words: Sequence[str], name: str, work: Path, *, mapset: str = "", variables: Mapping[str, str] | None = None
+) -> str:
     """Run the program ``grass`` and return what it prints. Raises as ``run_in``."""
     program = grass_program()
     process = subprocess.Popen(  # noqa: S603 - words are quoted, and names were found in the location
@@ -98,7 +106,7 @@ def call(words: Sequence[str], name: str, work: Path, *, mapset: str = "") -> st
         text=True,
         encoding="utf-8",
         errors="replace",
-        env=_surroundings(work),
+        env={**(variables or {}), **_surroundings(work)},
         cwd=work,
         start_new_session=True,
     )
@@ -175,7 +183,8 @@ def _detail(said: str) -> str:
     telling = [line for line in lines if re.search(r"failed:|FATAL", line)]
     errors = [line for line in lines if line.startswith("ERROR")]
     best = (telling or errors or lines or ["it said nothing"])[0]
-    return scrubbed(best.removeprefix("ERROR:").strip())
+    words = scrubbed(best.removeprefix("ERROR:").strip())
+    return words if words.endswith((".", "?", "!")) else f"{words}."
 
 
 def scrubbed(text: str) -> str:

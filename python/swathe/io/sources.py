@@ -118,7 +118,8 @@ def _expand_one(name: str, kind: Literal["raster", "vector"] | None = None) -> l
         return [Source(shown, f"/vsicurl/{name}", is_remote=True)]
     if name.startswith((BUNDLED_PREFIX, "/vsi")):
         return [Source(name, name, is_remote=name.startswith("/vsi"))]
-    path = Path(name).expanduser()
+    # Not Path.expanduser, which fails on a user that does not exist.
+    path = Path(os.path.expanduser(name))  # noqa: PTH111
     if path.is_dir():
         return _folder(path)
     if path.exists():
