@@ -84,7 +84,7 @@ def export_grass(folder: Path | str, target: GrassTarget, *, terrain: TerrainReq
         note = f"Swathe {summary.get('version')}, seed {summary.get('seed')}, vehicle {summary.get('vehicle')}"
         if not location.exists() or (location.is_dir() and not any(location.iterdir())):
             _into_new_location(location, target, layers, note, work)
-        elif target.mapset not in _mapsets(location):
+        elif target.mapset not in _mapsets(location, layers):
             _into_new_mapset(location, target, layers, note, work)
         else:
             _into_mapset(location / target.mapset, target, layers, note, work)
@@ -171,8 +171,21 @@ def _elevation(terrain: TerrainRequest, ranks: Frame, work: Path) -> Path:
     return path
 
 
-def _mapsets(location: Path) -> list[str]:
+def _is_local(layers: list[_Layer]) -> bool:
+    """Return whether the run has no coordinate reference system; its ranks come first."""
+    return read_frame(layers[0].file)[0].crs_wkt is None
+
+
+def _mapsets(location: Path, layers: list[_Layer]) -> list[str]:
+    """Return the mapsets of a location that exists. Raises GrassError when only it or the run has a system."""
     require_location(location)
+    has_system = (location / "PERMANENT" / "PROJ_INFO").is_file()
+    if has_system == _is_local(layers):
+        raise GrassError(
+            f"The location {location.name} has {'a' if has_system else 'no'} coordinate reference system "
+            f"and the run has {'none' if has_system else 'one'}.",
+            "Name a new location.",
+        )
     return mapsets(location)
 
 
@@ -183,9 +196,11 @@ def _name(target: GrassTarget, layer: _Layer) -> str:
 def _commands(layers: list[_Layer], names: list[str], note: str, work: Path) -> list[list[str]]:
     """Return the modules that import the layers under names."""
     commands = []
+    # A map without a coordinate reference system only comes into a location without one, which GRASS cannot compare.
+    as_it_is = ["-o"] if _is_local(layers) else []
     for layer, name in zip(layers, names, strict=True):
         if layer.kind == "raster":
-            commands.append(["r.in.gdal", f"input={layer.file}", f"output={name}"])
+            commands.append(["r.in.gdal", *as_it_is, f"input={layer.file}", f"output={name}"])
             if layer.what == "rank":
                 commands += [
                     ["r.colors", f"map={name}", f"rules={work / 'colours'}"],
@@ -195,7 +210,7 @@ def _commands(layers: list[_Layer], names: list[str], note: str, work: Path) -> 
         else:
             key = VECTORS[layer.what][0]
             commands += [
-                ["v.in.ogr", f"input={layer.file}", f"layer={layer.what}", f"output={name}", f"key={key}"],
+                ["v.in.ogr", *as_it_is, f"input={layer.file}", f"layer={layer.what}", f"output={name}", f"key={key}"],
                 ["v.support", "-r", f"map={name}", f"map_name={layer.what}", f"comment={note}"],
             ]
     return commands
@@ -205,7 +220,7 @@ def _into_new_location(location: Path, target: GrassTarget, layers: list[_Layer]
     with _beside(location) as part:
         staged = part / location.name
         ranks = layers[0].file
-        like = "XY" if read_frame(ranks)[0].crs_wkt is None else str(ranks)
+        like = "XY" if _is_local(layers) else str(ranks)
         call(["--text", "-c", like, "-e", str(staged)], str(location), work)
         names = [_name(target, layer) for layer in layers]
         mapset = staged / target.mapset

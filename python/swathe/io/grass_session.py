@@ -137,7 +137,7 @@ def _surroundings(work: Path) -> dict[str, str]:
     kept["PATH"] = os.pathsep.join(part for part in kept.get("PATH", os.defpath).split(os.pathsep) if part != own)
     home = Path(kept.get("HOME", ""))
     # GRASS makes a folder of settings in its home, and stops when it cannot.
-    if not ((home / ".grass8").is_dir() or os.access(home, os.W_OK)) or not kept.get("HOME"):
+    if not kept.get("HOME") or not os.access(home, os.W_OK | os.X_OK):
         kept["HOME"] = str(work)
     kept.pop("LANGUAGE", None)
     return {
