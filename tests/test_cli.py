@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from syrupy.assertion import SnapshotAssertion
 
-COMMANDS = ("demo", "plan", "nests", "figures", "report", "vehicles", "doctor")
+COMMANDS = ("demo", "plan", "nests", "figures", "report", "export", "vehicles", "doctor")
 HEAVY = ("numpy", "rasterio", "pyogrio", "pyproj", "shapely", "matplotlib", "pydantic", "rich", "swathe._core")
 
 # The contract of `plan --json`.

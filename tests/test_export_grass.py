@@ -7,7 +7,7 @@ import os
 import shutil
 import signal
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyogrio.raw
@@ -67,8 +67,8 @@ def location(grass: Path, files: Path, tmp_path: Path) -> Location:
     return made
 
 
-def features(path: Path) -> list[dict[str, object]]:
-    listed: list[dict[str, object]] = json.loads(path.read_text(encoding="utf-8"))["features"]
+def features(path: Path) -> list[dict[str, Any]]:
+    listed: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["features"]
     return listed
 
 
@@ -93,7 +93,7 @@ def check_maps(made: Location, files: Path, mapset: str = "swathe") -> None:
     nests = single(made.address("swathe_nests", mapset))
     meta, _, shapes, columns = pyogrio.raw.read(nests.path)
     table = dict(zip(meta["fields"], columns, strict=True))
-    expected = {feature["properties"]["nest"]: feature["properties"] for feature in features(run / "nests.geojson")}  # type: ignore[index]
+    expected = {feature["properties"]["nest"]: feature["properties"] for feature in features(run / "nests.geojson")}
     areas: dict[int, float] = {}
     for number, area in zip(table["nest"].tolist(), shapely.area(shapely.from_wkb(shapes)).tolist(), strict=True):
         areas[number] = areas.get(number, 0.0) + area
@@ -148,9 +148,8 @@ def test_every_leg_is_a_line_with_its_facts(grass: Path, files: Path, tmp_path: 
     table = made.run("v.db.select -c map=swathe_route columns=leg,soil,time_s separator=comma", mapset="swathe")
     facts = {int(line.split(",")[0]): line.split(",")[1:] for line in table.splitlines()}
     for leg in legs:
-        own: dict[str, object] = leg["properties"]  # type: ignore[assignment]
+        own = leg["properties"]
         number = own["leg"]
-        assert isinstance(number, int)
         assert facts[number][0] == own["soil"]
         assert float(facts[number][1]) == own["time_s"]
         # The length of a leg follows the ground, its line lies flat; the location's system has a scale of its own.

@@ -45,10 +45,8 @@ CONNECT_TIMEOUT_S = 10
 # A server that has gone silent is given up after about a minute.
 KEEPALIVES = {"keepalives_idle": 20, "keepalives_interval": 10, "keepalives_count": 4, "tcp_user_timeout": 60_000}
 # Columns of other types name no soil.
-PLAIN_TYPES = (
-    "smallint", "integer", "bigint", "numeric", "real", "double precision", "text", "character", "character varying",
-    "name", "boolean",
-)  # fmt: skip
+NUMBERS = ("smallint", "integer", "bigint", "numeric", "real", "double precision")
+TEXTS = ("text", "character", "character varying", "name", "boolean")
 SECRETS = ("password", "sslpassword", "passfile")
 
 
@@ -108,13 +106,14 @@ def burn_table(source: Source, frame: Frame, field: str | None, legend: Legend |
     with _reading(address) as connection:
         schema, geometry, srid, is_geography = _geometry_column(connection, address)
         crs_wkt = _system(connection, address, srid)
-        fields = _fields(connection, schema, address.table)
+        kinds = _fields(connection, schema, address.table)
+        fields = list(kinds)
         if field is not None and field not in fields:
             raise SoilFieldError(
                 f"{source.name} has no field {field!r}; it has {', '.join(fields) or 'none'}.",
                 "Name one of them with `--soil-field`.",
             )
-        wanted = fields if field is None else [field]
+        wanted = kinds if field is None else {field: kinds[field]}
         surroundings = surroundings_of(source, frame, crs_wkt)
         statement = _statement(schema, address.table, geometry, wanted, is_geography=is_geography)
         polygons: list[NDArray[Any]] = []
@@ -205,7 +204,20 @@ def _geometry_column(connection: Any, address: TableAddress) -> tuple[str, str, 
             f"{address.shown} has the geometry columns {', '.join(columns)}.", "Choose one with &geometry=COLUMN."
         )
     schema, _, column, srid, is_geography = own[0]
+    if srid == 0:  # a column that says nothing of its system, where every geometry may
+        srid = _first_srid(connection, schema, address.table, column)
     return str(schema), str(column), int(srid), bool(is_geography)
+
+
+def _first_srid(connection: Any, schema: str, table: str, column: str) -> int:  # noqa: ANN401
+    from psycopg import sql
+
+    found = connection.execute(
+        sql.SQL("SELECT ST_SRID({shape}) FROM {table} WHERE {shape} IS NOT NULL LIMIT 1").format(
+            shape=sql.Identifier(column), table=sql.Identifier(schema, table)
+        )
+    ).fetchone()
+    return 0 if found is None else int(found[0])
 
 
 def _refuse_table(connection: Any, address: TableAddress, spatial: list[str]) -> NoReturn:  # noqa: ANN401
@@ -216,8 +228,8 @@ def _refuse_table(connection: Any, address: TableAddress, spatial: list[str]) ->
     ).fetchone()[0]
     if found is False:
         raise _unreadable(address)
-    own = {name.rpartition(".")[2]: name for name in spatial}
-    near = [own[name] for name in get_close_matches(address.table, list(own), 3)] or spatial[:8]
+    close = get_close_matches(address.table, {name.partition(".")[2] for name in spatial}, 3)
+    near = [name for name in spatial if name.partition(".")[2] in close] or spatial[:8]
     remedy = f"There is {', '.join(near)}." if near else "No table of this database has one that you may read."
     raise UnreadableFileError(f"{address.shown} {'has no geometry column' if found else 'does not exist'}.", remedy)
 
@@ -251,8 +263,8 @@ def _system(connection: Any, address: TableAddress, srid: int) -> str | None:  #
     )
 
 
-def _fields(connection: Any, schema: str, table: str) -> list[str]:  # noqa: ANN401
-    """Return the columns that could name a soil, in the table's order."""
+def _fields(connection: Any, schema: str, table: str) -> dict[str, bool]:  # noqa: ANN401
+    """Return the columns that could name a soil, in the table's order, and whether they hold numbers."""
     rows = connection.execute(
         "SELECT a.attname, format_type(a.atttypid, NULL), t.typtype FROM pg_attribute a "
         "JOIN pg_class c ON c.oid = a.attrelid JOIN pg_namespace n ON n.oid = c.relnamespace "
@@ -260,21 +272,24 @@ def _fields(connection: Any, schema: str, table: str) -> list[str]:  # noqa: ANN
         "WHERE n.nspname = %s AND c.relname = %s AND a.attnum > 0 AND NOT a.attisdropped ORDER BY a.attnum",
         (schema, table),
     ).fetchall()
-    return [str(name) for name, kind, sort in rows if kind in PLAIN_TYPES or sort in ("e", b"e")]
+    return {str(name): kind in NUMBERS for name, kind, sort in rows if kind in NUMBERS + TEXTS or sort in ("e", b"e")}
 
 
-def _statement(schema: str, table: str, geometry: str, fields: list[str], *, is_geography: bool) -> Any:  # noqa: ANN401
+def _statement(schema: str, table: str, geometry: str, fields: dict[str, bool], *, is_geography: bool) -> Any:  # noqa: ANN401
     from psycopg import sql
 
     shape = sql.Identifier(geometry)
     box = sql.SQL("ST_MakeEnvelope(%s, %s, %s, %s, %s)")
-    # Enumerations and names come as text; numbers as the server holds them.
+    columns = [
+        sql.SQL(", {}" if is_number else ", {}::text").format(sql.Identifier(field))
+        for field, is_number in fields.items()
+    ]
     return sql.SQL(
         "SELECT ST_AsBinary(ST_Force2D(ST_CurveToLine({shape}{cast}))){fields} FROM {table} WHERE {shape} && {box}"
     ).format(
         shape=shape,
         cast=sql.SQL("::geometry" if is_geography else ""),
-        fields=sql.SQL("").join(sql.SQL(", {}").format(sql.Identifier(field)) for field in fields),
+        fields=sql.SQL("").join(columns),
         table=sql.Identifier(schema, table),
         box=sql.SQL("{}::geography").format(box) if is_geography else box,
     )
