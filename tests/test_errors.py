@@ -294,6 +294,7 @@ CLASSES = {
     "ReadingFileError": ("reading_file", 4),
     "SoilFieldError": ("soil_field", 4),
     "InvalidVehicleError": ("invalid_vehicle", 4),
+    "GrassError": ("grass", 4),
     "MissingExtraError": ("missing_extra", 4),
     "StoreError": ("store", 4),
     "StoreUnavailableError": ("store_unavailable", 4),

@@ -41,16 +41,20 @@ HASH_CHUNK_BYTES = 1 << 20
 class Source:
     """One input. ``name`` is fit to be shown and kept in outputs; ``path`` is what GDAL opens.
 
-    ``keeper`` holds what the path needs to exist, such as a temporary file.
+    ``keeper`` holds what the path needs to exist, such as a temporary file; ``sha256`` is that of what was fetched into
+    it, where the bytes of the file would differ from time to time.
     """
 
     name: str
     path: str
     is_remote: bool = False
     keeper: object = field(default=None, repr=False, compare=False)
+    sha256: str = ""
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the file's bytes, or the word ``remote`` for what is not a local file."""
+        if self.sha256:
+            return self.sha256
         path = Path(self.path)
         if self.is_remote or not path.is_file():
             return "remote"
@@ -79,6 +83,17 @@ class Source:
         return UnreadableFileError(
             f"{self.name} cannot be read from its server.", "Check the address and the network, or name a local copy."
         )
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSource(Source):
+    """An input that was read earlier and is known by name and content alone."""
+
+    sha256: str = ""
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 that the file had."""
+        return self.sha256
 
 
 def expand(names: Sequence[str]) -> list[Source]:
@@ -146,7 +161,7 @@ def _kept_elsewhere(name: str, kind: Literal["raster", "vector"] | None) -> Sour
         return Source(place.shown, str(exported.path), keeper=exported)
     if kind == "raster":
         raise InvalidParameterError("A table in PostgreSQL is no elevation.", "Name it as `--soil`.")
-    from swathe.io.soil_table import table_address
+    from swathe.io.table import table_address
 
     return Source(table_address(name).shown, name, is_remote=True)
 

@@ -31,8 +31,8 @@ from swathe.errors import (
 )
 from swathe.io.elevation import open_elevation
 from swathe.io.soil import read_soil
-from swathe.io.soil_table import table_address
 from swathe.io.sources import single
+from swathe.io.table import table_address
 from swathe.soil import SoilClass
 from test_io_soil import write_vector
 

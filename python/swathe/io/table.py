@@ -1,19 +1,25 @@
-"""Soil from a table of PostGIS that somebody else keeps: ``postgresql://[USER@]HOST[:PORT]/DATABASE?table=SCHEMA.NAME``.
+"""Polygons in a table of PostGIS that somebody else keeps: ``postgresql://[USER@]HOST[:PORT]/DB?table=SCHEMA.NAME``.
 
-The geometry column and its system come from the catalogue of PostGIS; ``&geometry=COLUMN`` chooses among several. Only
-what lies near the map is fetched, in batches, in a transaction that can only read. The password comes from PGPASSWORD
-or ``~/.pgpass``, as with every program of PostgreSQL: an address that holds one is refused, because others on the
-machine could read it.
+The geometry column and its system come from the catalogue of PostGIS; ``&geometry=COLUMN`` chooses among several. What
+lies near the map is fetched in batches into a temporary GeoPackage, in a transaction that can only read. The password
+comes from PGPASSWORD or ``~/.pgpass``, as with every program of PostgreSQL: an address that holds one is refused,
+because others on the machine could read it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
+import shutil
+import tempfile
+import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 from urllib.parse import parse_qsl, quote, unquote, urlencode, urlsplit, urlunsplit
+from weakref import finalize
 
 import numpy as np
 
@@ -22,13 +28,15 @@ from swathe.errors import (
     InvalidParameterError,
     MissingCrsError,
     MissingExtraError,
-    SoilFieldError,
+    NoOverlapError,
     StoreSchemaError,
     StoreUnavailableError,
     UnreadableFileError,
 )
 from swathe.io.crs import horizontal, parse_crs
-from swathe.io.soil_vector import burn_polygons, surroundings_of
+from swathe.io.soil_raster import require_system
+from swathe.io.soil_vector import box_near
+from swathe.io.sources import Source
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,17 +44,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from swathe.io.crs import Frame
-    from swathe.io.soil import SoilLayer
-    from swathe.io.soil_legend import Legend
-    from swathe.io.sources import Source
 
 BATCH_ROWS = 4096
 CONNECT_TIMEOUT_S = 10
 # A server that has gone silent is given up after about a minute.
 KEEPALIVES = {"keepalives_idle": 20, "keepalives_interval": 10, "keepalives_count": 4, "tcp_user_timeout": 60_000}
 # Columns of other types name no soil.
-NUMBERS = ("smallint", "integer", "bigint", "numeric", "real", "double precision")
-TEXTS = ("text", "character", "character varying", "name", "boolean")
+FETCHED_AS = {
+    **dict.fromkeys(("smallint", "integer", "bigint"), "int8"),
+    **dict.fromkeys(("numeric", "real", "double precision"), "float8"),
+    **dict.fromkeys(("text", "character", "character varying", "name", "boolean"), "text"),
+}
 SECRETS = ("password", "sslpassword", "passfile")
 
 
@@ -97,42 +105,74 @@ def table_address(address: str) -> TableAddress:
 _EXAMPLE = "Write postgresql://USER@HOST/DATABASE?table=SCHEMA.NAME."
 
 
-def burn_table(source: Source, frame: Frame, field: str | None, legend: Legend | None) -> SoilLayer:
-    """Return the soil of a frame's cells from a table of polygons.
+def fetch_near(source: Source, frame: Frame, what: str = "soil") -> Source:
+    """Return the part of a table near a frame as a file in the table's system, for as long as somebody holds it.
 
-    Raises as ``swathe.io.soil.read_soil``, and StoreUnavailableError when the server does not answer or went away.
+    The same table gives the same polygons in the same order, and the same ``sha256``, whatever the order of its rows.
+
+    Raises:
+        StoreUnavailableError: the server does not answer or went away.
+        UnreadableFileError: there is no such table, or it may not be read.
+        NoOverlapError, MissingCrsError: the table lies elsewhere, or does not say where.
     """
     address = table_address(source.path)
     with _reading(address) as connection:
         schema, geometry, srid, is_geography = _geometry_column(connection, address)
         crs_wkt = _system(connection, address, srid)
-        kinds = _fields(connection, schema, address.table)
-        fields = list(kinds)
-        if field is not None and field not in fields:
-            raise SoilFieldError(
-                f"{source.name} has no field {field!r}; it has {', '.join(fields) or 'none'}.",
-                "Name one of them with `--soil-field`.",
-            )
-        wanted = kinds if field is None else {field: kinds[field]}
-        surroundings = surroundings_of(source, frame, crs_wkt)
-        statement = _statement(schema, address.table, geometry, wanted, is_geography=is_geography)
-        polygons: list[NDArray[Any]] = []
-        keys: list[bytes] = []
-        values: list[tuple[Any, ...]] = []
-        with connection.cursor(name="swathe_soil", binary=True) as cursor:
+        require_system(source, frame, crs_wkt, what)
+        near = box_near(frame, crs_wkt)
+        fields = _fields(connection, schema, address.table)
+        file = _Fetched(crs_wkt, address.table, fields)
+        with connection.cursor(name="swathe", binary=True) as cursor:
             cursor.itersize = BATCH_ROWS
-            cursor.execute(statement, (*surroundings.box, srid))
-            while rows := cursor.fetchmany(BATCH_ROWS):
-                wkb = np.array([bytes(row[0]) for row in rows], dtype=object)
-                # Cut to the surroundings at once: what is kept is no larger than the map.
-                polygons.append(surroundings.polygons(wkb))
-                keys.extend(_digest(one) for one in wkb)
-                values.extend(row[1:] for row in rows)
-    # A table has no order, and the same table shall give the same result.
-    order = sorted(range(len(keys)), key=lambda n: (keys[n], tuple(map(str, values[n]))))
-    found = np.concatenate(polygons)[order] if polygons else np.array([], dtype=object)
-    columns = {name: _column([values[n][number] for n in order]) for number, name in enumerate(wanted)}
-    return burn_polygons(source, found, columns, frame, field=field, legend=legend)
+            if near is not None:
+                statement = _statement(schema, address.table, geometry, fields, is_geography=is_geography)
+                cursor.execute(statement, (*near[0], srid))
+                while rows := cursor.fetchmany(BATCH_ROWS):
+                    file.add(rows)
+    if not file.rows:
+        raise NoOverlapError(f"{source.name} lies outside the map.", f"Name a {what} map of the same region.")
+    return Source(source.name, str(file.path), keeper=file, sha256=file.digest.hexdigest())
+
+
+class _Fetched:
+    """Rows of a table in a GeoPackage that goes with its last holder."""
+
+    def __init__(self, crs_wkt: str | None, table: str, fields: dict[str, str]) -> None:
+        folder = Path(tempfile.mkdtemp(prefix="swathe-table-"))
+        finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = folder / "table.gpkg"
+        self.rows = 0
+        self.digest = hashlib.sha256(repr((crs_wkt, list(fields))).encode())
+        self._crs_wkt, self._layer, self._fields = crs_wkt, table, fields
+
+    def add(self, rows: list[tuple[Any, ...]]) -> None:
+        """Append rows: a geometry as WKB, then the fields."""
+        import pyogrio.raw
+
+        for row in rows:
+            self.digest.update(repr(row).encode())
+        # The table may have columns with the names that a GeoPackage gives to its own.
+        first = {} if self.rows else {"FID": "swathe_fid", "GEOMETRY_NAME": "swathe_geometry"}
+        columns = [
+            _column([row[number] for row in rows], kind) for number, kind in enumerate(self._fields.values(), start=1)
+        ]
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "'crs' was not provided")
+            pyogrio.raw.write(
+                self.path,
+                np.array([None if row[0] is None else bytes(row[0]) for row in rows], dtype=object),
+                [values for values, _ in columns],
+                np.array(list(self._fields), dtype=object),
+                field_mask=[missing for _, missing in columns],
+                layer=self._layer,
+                driver="GPKG",
+                crs=self._crs_wkt,
+                geometry_type="Unknown",
+                append=bool(self.rows),
+                **first,
+            )
+        self.rows += len(rows)
 
 
 @contextmanager
@@ -263,8 +303,8 @@ def _system(connection: Any, address: TableAddress, srid: int) -> str | None:  #
     )
 
 
-def _fields(connection: Any, schema: str, table: str) -> dict[str, bool]:  # noqa: ANN401
-    """Return the columns that could name a soil, in the table's order, and whether they hold numbers."""
+def _fields(connection: Any, schema: str, table: str) -> dict[str, str]:  # noqa: ANN401
+    """Return the columns that could name a soil, in the table's order, and the type as which each is fetched."""
     rows = connection.execute(
         "SELECT a.attname, format_type(a.atttypid, NULL), t.typtype FROM pg_attribute a "
         "JOIN pg_class c ON c.oid = a.attrelid JOIN pg_namespace n ON n.oid = c.relnamespace "
@@ -272,45 +312,39 @@ def _fields(connection: Any, schema: str, table: str) -> dict[str, bool]:  # noq
         "WHERE n.nspname = %s AND c.relname = %s AND a.attnum > 0 AND NOT a.attisdropped ORDER BY a.attnum",
         (schema, table),
     ).fetchall()
-    return {str(name): kind in NUMBERS for name, kind, sort in rows if kind in NUMBERS + TEXTS or sort in ("e", b"e")}
+    # Enumerations have names of their own as types.
+    wanted = {str(name): "text" if sort in ("e", b"e") else FETCHED_AS.get(kind) for name, kind, sort in rows}
+    return {name: kind for name, kind in wanted.items() if kind is not None}
 
 
-def _statement(schema: str, table: str, geometry: str, fields: dict[str, bool], *, is_geography: bool) -> Any:  # noqa: ANN401
+def _statement(schema: str, table: str, geometry: str, fields: dict[str, str], *, is_geography: bool) -> Any:  # noqa: ANN401
     from psycopg import sql
 
     shape = sql.Identifier(geometry)
     box = sql.SQL("ST_MakeEnvelope(%s, %s, %s, %s, %s)")
-    columns = [
-        sql.SQL(", {}" if is_number else ", {}::text").format(sql.Identifier(field))
-        for field, is_number in fields.items()
-    ]
+    columns = [sql.SQL(", {}::{}").format(sql.Identifier(field), sql.SQL(kind)) for field, kind in fields.items()]
     return sql.SQL(
-        "SELECT ST_AsBinary(ST_Force2D(ST_CurveToLine({shape}{cast}))){fields} FROM {table} WHERE {shape} && {box}"
+        "SELECT ST_AsBinary(ST_Force2D(ST_CurveToLine({shape}{cast}))){fields} FROM {table} "
+        # A table has no order of its own, and the same table shall give the same result.
+        "WHERE {shape} && {box} ORDER BY {order}"
     ).format(
         shape=shape,
         cast=sql.SQL("::geometry" if is_geography else ""),
         fields=sql.SQL("").join(columns),
+        order=sql.SQL(", ".join(str(place) for place in range(1, len(columns) + 2))),
         table=sql.Identifier(schema, table),
         box=sql.SQL("{}::geography").format(box) if is_geography else box,
     )
 
 
-def _digest(wkb: bytes) -> bytes:
-    from hashlib import blake2b
-
-    return blake2b(wkb, digest_size=16).digest()
-
-
-def _column(values: list[Any]) -> NDArray[Any]:
-    """Return a column as floats where it holds numbers alone, else as it is."""
-    from decimal import Decimal
-
-    known = [value for value in values if value is not None]
-    if known and all(isinstance(value, int | float | Decimal) and not isinstance(value, bool) for value in known):
-        return np.array([np.nan if value is None else float(value) for value in values])
-    column = np.empty(len(values), dtype=object)
-    column[:] = values
-    return column
+def _column(values: list[Any], kind: str) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Return a field's values, and where there is none if the values cannot say it."""
+    if kind == "float8":
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64), None
+    missing = np.array([value is None for value in values], dtype=np.bool_)
+    if kind == "int8":
+        return np.array([value or 0 for value in values], dtype=np.int64), missing
+    return np.array(["" if value is None else value for value in values], dtype=object), missing
 
 
 def _split_name(name: str) -> tuple[str | None, str] | None:
