@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 import commands
 import raster_files
-from commands import way
+from commands import GOAL, START, way
 from grass_location import Location
 from raster_files import CELL, NORTH, WEST
 from swathe.errors import AllVoidError, GrassError, SwatheError
@@ -592,3 +592,26 @@ def test_geometry_that_lies_in_postgis_is_read(
     postgis_cluster.drop(postgis_database)
     with pytest.raises(GrassError, match=r"grass:hills/far@other .*database"):
         single(location.address("far", "other"))
+
+
+def test_a_store_imports_maps_of_a_location(
+    location: Location, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was imported from a location is what is imported from the files, and the same map is no change."""
+    routes = []
+    for name, dem, soil in (
+        ("kept", location.address("dem"), location.address("soils")),
+        ("files", str(files / "dem.tif"), str(files / "soils.gpkg")),
+    ):
+        store = ("--store", str(tmp_path / name), "--region", "hills")
+        for again in (False, True):
+            first = commands.run_here(capsys, "import", "dem", dem, *store, "--json")
+            second = commands.run_here(capsys, "import", "soil", soil, *store, "--json")
+            assert (first.code, second.code) == (0, 0), first.err + second.err
+            assert {first.answer["status"], second.answer["status"]} == {"no_change" if again else "done"}
+        out = tmp_path / f"{name}-plan"
+        words = ("--points-crs", "native", "--start", START, "--goal", GOAL, "--vehicle", "tractor", "--out", str(out))
+        finished = commands.run_here(capsys, "plan", *store, *words)
+        assert finished.code == 0, finished.err
+        routes.append(out / "route.geojson")
+    assert same_features(*routes)
