@@ -511,7 +511,8 @@ def test_an_interrupted_plan_leaves_neither_files_nor_grass(large: str, tmp_path
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     running = commands.start(*way(large, "--out", str(tmp_path / "out")), env={"TMPDIR": str(scratch)})
-    wait_for("r.out.gdal", str(scratch))
+    # Stopped, it never ends by itself.
+    os.kill(wait_for("r.out.gdal", str(scratch)), signal.SIGSTOP)
     running.send_signal(stop)
     _, said = running.communicate(timeout=60)
     assert running.returncode == 130, said

@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyogrio
 import pytest
 import shapely
 from hypothesis import given
@@ -32,7 +33,7 @@ from swathe.errors import (
 from swathe.io.elevation import open_elevation
 from swathe.io.soil import read_soil
 from swathe.io.sources import single
-from swathe.io.table import table_address
+from swathe.io.table import fetch_near, table_address
 from swathe.soil import SoilClass
 from test_io_soil import write_vector
 
@@ -185,7 +186,11 @@ def test_only_what_lies_near_the_map_is_fetched_in_batches(
         url = f"{postgis_cluster.url(postgis_database)}&table=cells"
         first = read_soil(url, frame)
         connection.execute("CREATE TABLE again AS SELECT * FROM cells ORDER BY random()")
-        second = read_soil(f"{postgis_cluster.url(postgis_database)}&table=again", frame)
+        mixed = f"{postgis_cluster.url(postgis_database)}&table=again"
+        second = read_soil(mixed, frame)
+        fetched = [fetch_near(single(one), frame) for one in (url, mixed)]
+    assert [pyogrio.read_info(one.path)["features"] for one in fetched] == [8000, 8000]
+    assert fetched[0].fingerprint() == fetched[1].fingerprint() != "remote"
     assert first.report.covered_fraction == 1
     np.testing.assert_array_equal(first.codes, second.codes)
     assert first.report.entries == second.report.entries
