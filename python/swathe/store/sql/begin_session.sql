@@ -6,7 +6,9 @@ SELECT set_config('search_path', (
                UNION
                SELECT n.nspname, 2
                FROM pg_extension e JOIN pg_namespace n ON n.oid = e.extnamespace
-               WHERE e.extname IN ('postgis', 'postgis_raster')
+               WHERE e.extname IN ('postgis', 'postgis_raster') AND n.nspname <> 'public'
+               UNION
+               SELECT 'public', 3
            ) places
        ), false),
        CASE WHEN current_setting('statement_timeout') = '0' THEN set_config('statement_timeout', %s, false) END,
