@@ -21,6 +21,7 @@ from swathe.io.window import bounded, reads_lazily
 from swathe.nest import Nests
 from swathe.objective import closed_where, cost_factor
 from swathe.rank import Region, TiledRegion
+from swathe.store.source import StoredElevation
 from swathe.terrain import block_max, group_mean, height_map, slope
 from swathe.vehicle import load_vehicle
 
@@ -101,7 +102,9 @@ def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: 
 
 
 def open_source(terrain: TerrainRequest) -> ElevationSource:
-    """Open the elevation that was asked for; nothing is read yet."""
+    """Open the elevation that was asked for, in files or in a store; nothing is read yet."""
+    if terrain.store is not None and terrain.region is not None:
+        return StoredElevation(terrain.store, terrain.region)
     return open_elevation(
         terrain.dem,
         cell_size_m=terrain.cell_size_m,
@@ -118,8 +121,9 @@ def lazy_elevation(
     on_progress: OnProgress | None,
 ) -> LazyElevation | None:
     """Return the elevation as what a plan reads when it needs it, or None where it is read at once."""
-    # Costs of the user's close cells of the map before anything is looked at.
-    if settings.looks_where_it_goes and terrain.cost_raster is None and reads_lazily(source, whole):
+    # Costs of the user's and zones close cells of the map before anything is looked at.
+    closes = terrain.cost_raster is not None or (isinstance(source, StoredElevation) and source.has_zones)
+    if settings.looks_where_it_goes and not closes and reads_lazily(source, whole):
         return LazyElevation(source, whole, on_progress)
     return None
 
@@ -154,13 +158,13 @@ def prepare(
     notes: list[str] = []
     grey = None
     if settings.follows_paper:
-        frame, elevation_m, grey, more = _averaged(
-            frame, elevation_m, terrain.height_range_m if source.grey else None, vehicle
-        )
+        frame, elevation_m, grey, more = _averaged(frame, elevation_m, source.height_range_m, vehicle)
         notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
         notes += more
-    soil_report, codes, soil_source = _soil(terrain, frame, watch)
-    region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
+    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch)
+    notes += more
+    zones = source.closed(frame) if isinstance(source, StoredElevation) else None
+    region = Region(frame.geometry, elevation_m, vehicle, codes, grey, zones, settings.rank)
     cost = cost_source = None
     if terrain.cost_raster is not None:
         with watch.step("cost"):
@@ -193,10 +197,10 @@ def _prepare_lazily(
     """Make a region of a window of the ground whose elevation is read when it is needed; its soil is read at once."""
     frame = source.frame.window(window)
     require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
-    soil_report, codes, soil_source = _soil(terrain, frame, watch)
+    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch)
     first = (window.row % TILE_SIZE, window.column % TILE_SIZE)
     region = TiledRegion(frame.geometry, lazy.reader(window), vehicle, codes, settings.rank, TILE_SIZE, first)
-    notes = tuple(_notes(region, source, soil_report))
+    notes = (*more, *_notes(region, source, soil_report))
     return Ground(region, frame, source, soil_report, soil_source, None, None, notes, is_whole)
 
 
@@ -224,14 +228,28 @@ def as_read(ground: Ground, window: Window, lazy: LazyElevation, answer: Plan) -
 
 
 def _soil(
-    terrain: TerrainRequest, frame: Frame, watch: Stopwatch
-) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None]:
-    """Read the soil map that was asked for, if any."""
+    source: ElevationSource,
+    terrain: TerrainRequest,
+    frame: Frame,
+    vehicle: Vehicle,
+    settings: Settings,
+    *,
+    watch: Stopwatch,
+) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None, list[str]]:
+    """Read the soil map that was asked for, if any; with one of a store, its readings count."""
+    if isinstance(source, StoredElevation):
+        with watch.step("soil"):
+            stored = source.soil(frame, vehicle, settings.rank)
+        if stored is None:
+            return None, None, None, []
+        found, codes, origin, readings = stored
+        notes = [f"Soil is believed after {readings} readings of the store."] if readings else []
+        return found.report, codes, origin, notes
     if terrain.soil is None:
-        return None, None, None
+        return None, None, None, []
     with watch.step("soil"):
         layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
-    return layer.report, layer.codes, single(terrain.soil)
+    return layer.report, layer.codes, single(terrain.soil), []
 
 
 def _averaged(

@@ -111,6 +111,12 @@ def layer_of_values(
 
 
 def _bundled(source: str, frame: Frame) -> SoilLayer:
+    name, numbers, names, meanings = bundled_values(source, frame)
+    return layer_of_values(name, None, numbers, names, meanings)
+
+
+def bundled_values(source: str, frame: Frame) -> tuple[str, NDArray[np.int32], list[str], list[Meaning]]:
+    """Return what generated soil is called, the number of each cell's value (-1 = none), values and meanings."""
     from swathe.io.bundled import bundled_path, bundled_soil
     from swathe.io.soil_legend import Meaning
     from swathe.io.soil_raster import nearest
@@ -125,4 +131,4 @@ def _bundled(source: str, frame: Frame) -> SoilLayer:
     numbers[[int(soil_class) for soil_class in present]] = np.arange(len(present))
     names = [soil_class.name.lower() for soil_class in present]
     meanings = [Meaning(name, soil_class, understood=True) for name, soil_class in zip(names, present, strict=True)]
-    return layer_of_values(f"{source} (generated from its elevation)", None, numbers[codes], names, meanings)
+    return f"{source} (generated from its elevation)", numbers[codes], names, meanings

@@ -72,6 +72,17 @@ class Source:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedSource(Source):
+    """An input that was read earlier and is known by name and content alone."""
+
+    sha256: str = ""
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 that the file had."""
+        return self.sha256
+
+
 def expand(names: Sequence[str]) -> list[Source]:
     """Return every input that the given names stand for, in order, each once.
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Self
+
+from swathe.errors import InvalidParameterError, OutsideGridError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
     from swathe.belief import BeliefParams, ClassReading, PenetrometerReading, SoilBelief
-    from swathe.grid import Window
+    from swathe.grid import GridGeometry, Window
     from swathe.io.crs import Frame
     from swathe.io.soil import SoilLayer
     from swathe.soil import SoilClass
@@ -28,6 +31,9 @@ if TYPE_CHECKING:
 
 #: Cells along the edge of the tiles in which rasters are written.
 TILE_SIZE = 256
+
+#: What ``read_window`` can give one number for: so many cells squared.
+OVERVIEWS = (1, 2, 4, 8, 16, 32, 64)
 
 #: The layers that every command knows. Others (ranks and nests of a vehicle) take any other name.
 ELEVATION, SOIL, ZONES = "elevation", "soil", "zones"
@@ -191,6 +197,51 @@ class Change:
     count: int = 1
     author: str = ""
     detail: Mapping[str, Any] = field(default_factory=dict)
+
+
+def require_window(geometry: GridGeometry, window: Window, overview: int = 1) -> None:
+    """Raise OutsideGridError or InvalidParameterError for a window that cannot be read."""
+    row, column, rows, columns = window
+    inside = 0 <= row <= geometry.rows - rows and 0 <= column <= geometry.columns - columns
+    if rows < 1 or columns < 1 or not inside:
+        raise OutsideGridError(
+            f"The window of {rows} x {columns} cells at row {row}, column {column} is not inside the region.",
+            f"It has {geometry.rows} rows and {geometry.columns} columns.",
+        )
+    if overview not in OVERVIEWS or row % overview or column % overview:
+        raise InvalidParameterError(
+            f"There is no overview {overview} from row {row}, column {column} on.",
+            f"Give one of {', '.join(map(str, OVERVIEWS))}, and a row and column that are multiples of it.",
+        )
+
+
+def require_within(region: RegionInfo, readings: Sequence[StoredReading]) -> None:
+    """Raise a UsageError for a reading without an id, that is not physical, or that lies outside the region."""
+    from swathe.belief import PenetrometerReading
+    from swathe.grid import Position
+
+    for stored in readings:
+        reading = stored.reading
+        if isinstance(reading, PenetrometerReading):
+            reading.validate()
+        finite = math.isfinite(reading.x_m) and math.isfinite(reading.y_m)
+        if not finite or region.frame.geometry.cell_at(Position(reading.x_m, reading.y_m)) is None:
+            raise OutsideGridError(
+                f"The reading at {reading.x_m:.12g}, {reading.y_m:.12g} lies outside the region {region.name!r}.",
+                "Give places in the metres of the region.",
+            )
+        if not stored.id or not (stored.error is None or 0 <= stored.error < math.inf):
+            raise InvalidParameterError(
+                f"The reading {stored.id!r} has no id, or an error that is none.", "Give an id and an error from 0 on."
+            )
+
+
+def require_selection(instrument: str | None, author: str | None, ids: Sequence[str] | None) -> None:
+    """Raise InvalidParameterError unless exactly one of the three says which readings are meant."""
+    if [instrument, author, ids].count(None) != 2:
+        raise InvalidParameterError(
+            "Which readings are withdrawn is not clear.", "Give an instrument, an author or the readings' ids."
+        )
 
 
 class ImportSession(ABC):
