@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from swathe.store import ImportSession, TerrainStore
+    from swathe.store import Change, ImportSession, TerrainStore
 
 ROWS, COLUMNS = 600, 700
 WHOLE = Window(0, 0, ROWS, COLUMNS)
@@ -92,7 +92,8 @@ def import_often(store: TerrainStore, layer: NDArray[np.float32]) -> None:
 
 def seed_of(layer: NDArray[np.float32]) -> int:
     """Return which heights a layer is, every cell of it."""
-    found = [seed for seed in (OLD, NEW) if np.array_equal(layer, heights(*layer.shape, seed))]
+    rows, columns = layer.shape
+    found = [seed for seed in (OLD, NEW) if np.array_equal(layer, heights(rows, columns, seed))]
     assert len(found) == 1, "neither the old nor the new"
     return found[0]
 
@@ -522,7 +523,7 @@ def test_eight_writers_at_once_lose_nothing(
             for number in range(writers)
         ]
         # Who follows while they write sees every revision once and in order: none becomes visible behind his back.
-        seen = []
+        seen: list[Change] = []
         while len(seen) < writers * count // batch and any(child.poll() is None for child in children):
             seen += subscription.poll(0.2)
         assert [child.wait() for child in children] == [0] * writers

@@ -237,11 +237,6 @@ def crs_name(crs: CRS) -> str:
     return "a projection without a name" if number is None else CRS.from_epsg(number).name
 
 
-def epsg_of(wkt: str | None) -> int | None:
-    """Return the EPSG number of a system, or None when it has none that means exactly the same."""
-    return None if wkt is None else crs_from_wkt(wkt).to_epsg(min_confidence=100)
-
-
 def same_crs(first_wkt: str | None, second_wkt: str | None) -> bool:
     """Return whether two systems give the same coordinates to the same place."""
     if first_wkt is None or second_wkt is None or first_wkt == second_wkt:

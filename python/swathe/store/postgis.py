@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swathe.errors import RegionConflictError
-from swathe.io.crs import epsg_of, same_crs
+from swathe.io.crs import registered_name
 from swathe.store import postgis_polygons, postgis_rasters, postgis_readings
-from swathe.store.checks import require_name
-from swathe.store.interface import SOIL, ZONES, LayerInfo, StoredRoute, StoredRun, TerrainStore
+from swathe.store.interface import (
+    SOIL,
+    ZONES,
+    LayerInfo,
+    StoredRoute,
+    StoredRun,
+    TerrainStore,
+    require_selection,
+    require_within,
+)
+from swathe.store.naming import checked_name
 from swathe.store.postgis_changes import PostgisSubscription, read_changes
 from swathe.store.postgis_regions import missing_region, read_regions, region_row, region_values
 from swathe.store.postgis_schema import prepare
@@ -63,7 +72,7 @@ class PostgisStore(TerrainStore):
 
     def create_region(self, name: str, frame: Frame) -> RegionInfo:
         """Make a region, or return the one that is there."""
-        require_name(name)
+        name = checked_name(name)
         with self._server.use() as connection:
             found = read_regions(connection, name)
             if not found:
@@ -74,19 +83,20 @@ class PostgisStore(TerrainStore):
                         self._note(connection, added[0], "region", name)
                 found = read_regions(connection, name)
         (region,) = found
-        if region.frame.geometry != frame.geometry or not same_crs(region.frame.crs_wkt, frame.crs_wkt):
+        if region.frame != frame:
             raise RegionConflictError(
-                f"The region {name!r} is there already and lies on other cells.",
-                "Choose another `--region`, or import with the cells and projection that it has.",
+                f"The region {name!r} lies on other cells.",
+                "Choose another name, or drop the region first; the cells of a region never change.",
             )
         return region
 
     @staticmethod
     def _srid(connection: Connection, frame: Frame) -> int:
         """Return the number by which the database knows the frame's system, 0 for none."""
-        number = epsg_of(frame.crs_wkt)
-        if number is None:
+        found = None if frame.crs_wkt is None else registered_name(frame.crs_wkt)
+        if found is None or found[1] != "EPSG":
             return 0
+        number = found[2]
         (known,) = connection.execute(query("known_srid"), (number,)).fetchone() or (0,)
         return number if known else 0
 
@@ -103,16 +113,16 @@ class PostgisStore(TerrainStore):
     def region(self, name: str) -> RegionInfo:
         """Return a region as it is now."""
         with self._server.use() as connection:
-            found = read_regions(connection, name)
-        if not found:
-            raise missing_region(name)
+            found = read_regions(connection, checked_name(name))
+            if not found:
+                raise missing_region(connection, name)
         return found[0]
 
     def drop_region(self, name: str) -> None:
         """Remove a region with everything in it."""
         with self._server.use() as connection:
-            if connection.execute(query("drop_region"), (name,)).rowcount == 0:
-                raise missing_region(name)
+            if connection.execute(query("drop_region"), (checked_name(name),)).rowcount == 0:
+                raise missing_region(connection, name)
 
     # Rasters
 
@@ -126,8 +136,7 @@ class PostgisStore(TerrainStore):
         details: Mapping[str, Any] | None = None,
     ) -> ImportSession:
         """Begin to write a raster of float32 (NaN unknown), uint8, uint16 or int32 (0 unknown)."""
-        require_name(layer, "layer")
-        info = LayerInfo(layer, "raster", np.dtype(dtype).name, provenance, details or {})
+        info = LayerInfo(checked_name(layer, "layer"), "raster", np.dtype(dtype).name, provenance, details or {})
         return postgis_rasters.PostgisImport(self._server, region, info)
 
     def read_window(self, region: str, layer: str, window: Window, *, overview: int = 1) -> NDArray[Any]:
@@ -172,9 +181,8 @@ class PostgisStore(TerrainStore):
 
     def add_readings(self, region: str, readings: Sequence[StoredReading]) -> int:
         """File readings, all or none, as one revision, and return how many were new (their id not there yet)."""
-        with self._server.use() as connection:
-            geometry = region_row(connection, region).geometry
-        return postgis_readings.add_readings(self._server, region, geometry, readings)
+        require_within(self.region(region), readings)
+        return postgis_readings.add_readings(self._server, region, readings)
 
     def readings(
         self, region: str, *, since: int = 0, until: int | None = None, withdrawn: bool = False
@@ -192,6 +200,7 @@ class PostgisStore(TerrainStore):
         ids: Sequence[str] | None = None,
     ) -> int:
         """Let readings count no more, as one revision, and return how many; those withdrawn before stay as they are."""
+        require_selection(instrument, author, ids)
         return postgis_readings.withdraw(self._server, region, reason, instrument=instrument, author=author, ids=ids)
 
     # Routes and runs
@@ -203,7 +212,7 @@ class PostgisStore(TerrainStore):
             values = {
                 "region": row.id,
                 "srid": row.srid,
-                "id": require_name(route.id, "route"),
+                "id": route.id,
                 "vehicle": route.vehicle,
                 "summary": json.dumps(dict(route.summary)),
                 "author": route.author,
@@ -225,7 +234,7 @@ class PostgisStore(TerrainStore):
             row = region_row(connection, region)
             values = {
                 "region": row.id,
-                "id": require_name(run.id, "run"),
+                "id": run.id,
                 "log": run.log,
                 "summary": json.dumps(dict(run.summary)),
                 "author": run.author,

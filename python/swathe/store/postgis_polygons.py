@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from swathe.errors import InvalidParameterError
 from swathe.soil import SoilClass
 from swathe.store.interface import SOIL, ZONES, SoilPolygon, Zone
+from swathe.store.naming import checked_name
 from swathe.store.postgis_layers import StagedLayer
 from swathe.store.postgis_regions import missing_layer, region_row
 from swathe.store.queries import query
@@ -105,7 +106,8 @@ def read_zones(server: Server, region: str, bounds: Bounds | None) -> Iterator[Z
 
 def _read(server: Server, region: str, layer: str, bounds: Bounds | None) -> Iterator[tuple[Any, ...]]:
     statement: LiteralString = query(f"read_{layer}" if bounds is None else f"read_{layer}_inside")
-    parameters = (region,) if bounds is None else (*map(float, bounds), region)
+    name = checked_name(region)
+    parameters = (name,) if bounds is None else (*map(float, bounds), name)
     # A connection of its own: whoever reads may ask the store something else between two polygons.
     connection = server.connect()
     try:

@@ -9,8 +9,9 @@ import numpy as np
 from psycopg import sql
 
 from swathe.errors import InvalidParameterError, OutsideGridError
-from swathe.grid import Window
-from swathe.store.interface import TILE_SIZE, ImportSession
+from swathe.grid import GridGeometry, Window
+from swathe.store.interface import OVERVIEWS, TILE_SIZE, ImportSession, require_window
+from swathe.store.naming import checked_name
 from swathe.store.postgis_layers import StagedLayer
 from swathe.store.postgis_regions import missing_layer, region_row
 from swathe.store.queries import query
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from swathe.store.interface import LayerInfo
     from swathe.store.postgis_server import Server
 
-OVERVIEWS = (1, 2, 4, 8, 16, 32, 64)
 _DTYPES = ("float32", "uint8", "uint16", "int32")
 #: Tiles that are committed at once: what a killed import loses at most.
 _TILES_PER_COMMIT = 64
@@ -167,15 +167,13 @@ def read_window(server: Server, region: str, layer: str, window: Window, overvie
     """Return a window of a raster; whole tiles are fetched and put together here, which is quickest."""
     window = Window(*window)
     if overview not in OVERVIEWS:
-        raise InvalidParameterError(
-            f"An overview of {overview} does not exist.", f"Give one of {', '.join(map(str, OVERVIEWS))}."
-        )
+        require_window(GridGeometry(1, 1, 1.0), Window(0, 0, 1, 1), overview)
     size = TILE_SIZE // overview
     top, left = window.row // overview, window.column // overview
     rows, columns = -(-window.rows // overview), -(-window.columns // overview)
     asked = {
-        "region": region,
-        "layer": layer,
+        "region": checked_name(region),
+        "layer": checked_name(layer, "layer"),
         "first_row": window.row // TILE_SIZE,
         "last_row": (window.row + window.rows - 1) // TILE_SIZE,
         "first_column": window.column // TILE_SIZE,
@@ -188,7 +186,7 @@ def read_window(server: Server, region: str, layer: str, window: Window, overvie
         # Row by row, so that a large window is not held twice; one statement, so that all of it is of one layer.
         for name, all_rows, all_columns, row, column, wkb in cursor.stream(statement, asked):
             if result is None:
-                _require_inside(window, overview, all_rows, all_columns)
+                require_window(GridGeometry(all_rows, all_columns, 1.0), window, overview)
                 dtype = np.dtype(name)
                 result = np.full((rows, columns), np.nan if dtype.kind == "f" else 0, dtype)
             if wkb is not None:
@@ -205,18 +203,3 @@ def _paste(result: NDArray[Any], pixels: NDArray[Any], row: int, column: int) ->
     bottom, right = min(result.shape[0], row + pixels.shape[0]), min(result.shape[1], column + pixels.shape[1])
     if top < bottom and left < right:
         result[top:bottom, left:right] = pixels[top - row : bottom - row, left - column : right - column]
-
-
-def _require_inside(window: Window, overview: int, rows: int, columns: int) -> None:
-    row, column, height, width = window
-    inside = height > 0 and width > 0 and 0 <= row <= rows - height and 0 <= column <= columns - width
-    if not inside:
-        raise OutsideGridError(
-            f"The window of {height} x {width} cells at row {row}, column {column} is not inside the region.",
-            f"The region has {rows} rows and {columns} columns.",
-        )
-    if row % overview or column % overview:
-        raise InvalidParameterError(
-            f"A window at row {row}, column {column} does not begin with a cell of the overview {overview}.",
-            f"Begin at multiples of {overview}.",
-        )

@@ -7,28 +7,26 @@ from typing import TYPE_CHECKING, Any
 
 from swathe.belief import ClassReading, PenetrometerReading
 from swathe.soil import SoilClass
-from swathe.store.checks import require_one_choice, require_readings
 from swathe.store.interface import StoredReading
+from swathe.store.naming import checked_name
 from swathe.store.postgis_regions import missing_region, region_row
 from swathe.store.queries import query
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swathe.grid import GridGeometry
     from swathe.store.postgis_server import Server
 
 
-def add_readings(server: Server, region: str, geometry: GridGeometry, readings: Sequence[StoredReading]) -> int:
+def add_readings(server: Server, region: str, readings: Sequence[StoredReading]) -> int:
     """File readings, all or none, and return how many were new."""
-    require_readings(readings, geometry)
     if not readings:
         return 0
     batch = json.dumps([_values(stored) for stored in readings])
     with server.use() as connection:
-        (added,) = connection.execute(query("file_readings"), (region, batch)).fetchone() or (None,)
-    if added is None:
-        raise missing_region(region)
+        (added,) = connection.execute(query("file_readings"), (checked_name(region), batch)).fetchone() or (None,)
+        if added is None:
+            raise missing_region(connection, region)
     return int(added)
 
 
@@ -56,13 +54,12 @@ def withdraw(
     ids: Sequence[str] | None,
 ) -> int:
     """Let readings count no more and return how many."""
-    require_one_choice(instrument, author, ids)
     named = None if ids is None else [str(one) for one in ids]
     with server.use() as connection:
-        asked = (region, instrument, author, named, reason)
+        asked = (checked_name(region), instrument, author, named, reason)
         (gone,) = connection.execute(query("withdraw_readings"), asked).fetchone() or (None,)
-    if gone is None:
-        raise missing_region(region)
+        if gone is None:
+            raise missing_region(connection, region)
     return int(gone)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -9,6 +10,7 @@ from swathe.errors import MissingLayerError, MissingRegionError
 from swathe.grid import GridGeometry
 from swathe.io.crs import Frame
 from swathe.store.interface import LayerInfo, Provenance, RegionInfo
+from swathe.store.naming import checked_name
 from swathe.store.queries import query
 
 if TYPE_CHECKING:
@@ -40,22 +42,23 @@ def region_row(connection: Connection, name: str) -> RegionRow:
     Raises:
         MissingRegionError: there is none of this name.
     """
-    found = connection.execute(query("read_region"), (name,)).fetchone()
+    found = connection.execute(query("read_region"), (checked_name(name),)).fetchone()
     if found is None:
-        raise missing_region(name)
+        raise missing_region(connection, name)
     return RegionRow(*found)
 
 
-def missing_region(name: str) -> MissingRegionError:
+def missing_region(connection: Connection, name: str) -> MissingRegionError:
     """Return the error for a region that is not there."""
-    return MissingRegionError(f"The store has no region {name!r}.", "Import a DEM into it, or check the name.")
+    names = [str(row[0]) for row in connection.execute(query("list_regions"))]
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.0)
+    remedy = f"Name one of {', '.join(map(repr, near))}." if near else "Import an elevation first."
+    return MissingRegionError(f"The store has no region {name!r}.", remedy)
 
 
 def missing_layer(region: str, layer: str) -> MissingLayerError:
     """Return the error for a layer that is not there."""
-    return MissingLayerError(
-        f"The region {region!r} has no layer {layer!r} of this kind.", "Import it, or check the name."
-    )
+    return MissingLayerError(f"The region {region!r} has no {layer} of this kind.", "Import it with `swathe import`.")
 
 
 def read_regions(connection: Connection, name: str | None = None) -> list[RegionInfo]:

@@ -75,7 +75,8 @@ DECLARE
     added bigint;
 BEGIN
     SELECT * INTO STRICT layer FROM layers WHERE id = new AND state = 'staged' FOR UPDATE;
-    added := note_change(layer.region_id, 'layer', layer.name, 1, layer.author, '{}');
+    added := note_change(layer.region_id, 'layer', layer.name, 1, layer.author,
+                         json_build_object('digest', layer.digest));
     UPDATE layers SET state = 'replaced'
     WHERE region_id = layer.region_id AND name = layer.name AND state = 'current';
     UPDATE layers SET state = 'current' WHERE id = new;

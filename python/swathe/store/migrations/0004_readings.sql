@@ -65,13 +65,13 @@ BEGIN
         ON CONFLICT DO NOTHING
         RETURNING id, author
     )
-    SELECT array_agg(added.id ORDER BY added.id), array_agg(DISTINCT added.author ORDER BY added.author)
+    SELECT array_agg(added.id ORDER BY added.id COLLATE "C"), array_agg(DISTINCT added.author ORDER BY added.author)
     INTO filed, authors FROM added;
     IF filed IS NULL THEN
         RETURN 0;
     END IF;
-    PERFORM note_change(region.id, 'readings', '', cardinality(filed), array_to_string(authors, ', '),
-                        json_build_object('ids', filed));
+    PERFORM note_change(region.id, 'readings', '', cardinality(filed),
+                        CASE WHEN cardinality(authors) = 1 THEN authors[1] ELSE '' END, json_build_object('ids', filed));
     RETURN cardinality(filed);
 END
 $$;
@@ -94,7 +94,7 @@ BEGIN
         ON CONFLICT DO NOTHING
         RETURNING reading_id
     )
-    SELECT array_agg(reading_id ORDER BY reading_id) INTO gone FROM added;
+    SELECT array_agg(reading_id ORDER BY reading_id COLLATE "C") INTO gone FROM added;
     IF gone IS NULL THEN
         RETURN 0;
     END IF;
