@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swathe.errors import RegionConflictError
+from swathe.errors import RegionConflictError, StoreReadOnlyError
 from swathe.io.crs import registered_name
-from swathe.store import postgis_polygons, postgis_rasters, postgis_readings
+from swathe.store import postgis_cells, postgis_polygons, postgis_rasters, postgis_readings
 from swathe.store.interface import (
     SOIL,
     ZONES,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from swathe.grid import Window
     from swathe.io.crs import Frame
+    from swathe.store.cell_table import CellTable
     from swathe.store.interface import (
         Bounds,
         Change,
@@ -248,6 +249,26 @@ class PostgisStore(TerrainStore):
         with self._server.use() as connection:
             found = connection.execute(query("read_runs"), (region_row(connection, region).id,))
             return [StoredRun(*row) for row in found]
+
+    # The paper's table
+
+    def cell_table(self, region: str) -> CellTable | None:
+        """Return the paper's table of a region, filled anew where its layers have changed.
+
+        None when this user may not fill it, or the region has no elevation or is smaller than one group of cells.
+        """
+        found = postgis_cells.read_cells(self._server, region)
+        if found is not None:
+            return found
+        try:
+            filled = self.fill_cells(region)
+        except StoreReadOnlyError:
+            return None
+        return postgis_cells.read_cells(self._server, region) if filled else None
+
+    def fill_cells(self, region: str) -> int:
+        """Make the paper's table of a region anew and return its number of cells (``cells`` in the database)."""
+        return postgis_cells.fill_cells(self._server, self, region)
 
     # Changes
 
