@@ -100,8 +100,8 @@ def word(name: str, row: float, column: float, soil: SoilClass, **more: Any) -> 
 
 
 def _filed(name: str, reading: PenetrometerReading | ClassReading, more: dict[str, Any]) -> StoredReading:
-    rest = {"author": "rover 1", "time": "2026-05-01T12:00:00Z", "instrument": "CP-17", "error": 0.3} | more
-    return StoredReading(name, reading, **rest)
+    rest: dict[str, Any] = {"author": "rover 1", "time": "2026-05-01T12:00:00Z", "instrument": "CP-17", "error": 0.3}
+    return StoredReading(name, reading, **(rest | more))
 
 
 def two_soils(store: TerrainStore, region: str = "valley", rows: int = 40, columns: int = 60) -> None:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
 HOSTILE = [
     "it's",
     'a "quoted" one',
@@ -57,9 +59,9 @@ def store(store_url: str) -> Iterator[TerrainStore]:
         yield opened
 
 
-def waves(rows: int, columns: int) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+def waves(rows: int, columns: int) -> NDArray[np.float32]:
     row, column = np.mgrid[0:rows, 0:columns]
-    heights = (500 + 99 * np.sin(row / 7) * np.cos(column / 11)).astype(np.float32)
+    heights: NDArray[np.float32] = (500 + 99 * np.sin(row / 7) * np.cos(column / 11)).astype(np.float32)
     heights[row * 31 + column * 17 % 97 == 5] = np.nan
     return heights
 
@@ -338,7 +340,7 @@ def test_where_soils_overlap_the_worse_counts_whatever_their_order(store: Terrai
         assert layer is not None
         assert layer.report.disputed_cells == 10 * 7
         found.append(layer.codes)
-    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(found[0], found[1])
     assert (found[0][5:15, 5:] == SoilClass.NONE).all()
     assert (found[0][:5, :12] == SoilClass.SAND).all()
     assert (found[0][:5, 12:] == SoilClass.UNKNOWN).all()
@@ -372,8 +374,8 @@ def test_the_area_join_agrees_with_counting_a_thousand_points(store: TerrainStor
     draw = random.Random(3)
     pieces = []
     for n in range(7):
-        x, y = stored.WEST + draw.uniform(0, 180), stored.NORTH - draw.uniform(0, 180)
-        pieces.append(stored.polygon(shapely.Point(x, y).buffer(draw.uniform(25, 60)), SoilClass(1 + n % 5)))
+        middle = shapely.Point(stored.WEST + draw.uniform(0, 180), stored.NORTH - draw.uniform(0, 180))
+        pieces.append(stored.polygon(middle.buffer(draw.uniform(25, 60)), SoilClass(1 + n % 5)))
     covered = shapely.from_wkb(pieces[0].wkb)
     apart = [pieces[0]]
     for piece in pieces[1:]:  # cut so that they do not overlap
@@ -489,8 +491,8 @@ def test_belief_follows_readings_and_what_is_withdrawn(store: TerrainStore) -> N
     assert store.belief("valley", "tractor").class_probabilities((3, 3)) == before
     part = store.belief("valley", "tractor", window=Window(2, 2, 10, 10), until=revision + 1)
     assert part.class_probabilities((1, 1)) == pytest.approx(after)
+    store.create_region("bare", stored.frame(5, 5))
     with pytest.raises(MissingLayerError):
-        store.create_region("bare", stored.frame(5, 5))
         store.belief("bare", "tractor")
 
 
