@@ -37,6 +37,7 @@ from swathe.cli.options import (
     PointsCrs,
     Profile,
     Quiet,
+    RegionName,
     Rounding,
     Sagitta,
     Seed,
@@ -46,6 +47,7 @@ from swathe.cli.options import (
     SoilTable,
     StartBearing,
     Stop,
+    Store,
     Threads,
     UnknownSoil,
     VehicleName,
@@ -54,6 +56,7 @@ from swathe.cli.options import (
     settings_of,
     terrain_request,
 )
+from swathe.cli.store import import_app
 
 app = typer.Typer(
     name="swathe",
@@ -102,7 +105,9 @@ def demo(out: Out = None, json: Json = False, quiet: Quiet = False, debug: Debug
 @app.command()
 def plan(
     *,
-    dem: Dem,
+    dem: Dem = None,
+    store: Store = None,
+    region: RegionName = None,
     start: Annotated[str, typer.Option("--start", help="LON,LAT where the vehicle is.")],
     goal: Annotated[str, typer.Option("--goal", help="LON,LAT where it should go.")],
     soil: Soil = None,
@@ -169,6 +174,8 @@ def plan(
 
       swathe plan --dem dem.tif --start 10.05,51.53 --goal 10.15,51.60 --max-evaluations 20000 --animate
 
+      swathe plan --store my-project --region valley --start 10.05,51.53 --goal 10.15,51.60
+
     A negative answer (exit code 3) says what is in the way, where, and what would change it.
     """
     from swathe import mission
@@ -186,6 +193,8 @@ def plan(
         bounds=bounds,
         memory_limit=memory_limit,
         cost_raster=cost_raster,
+        store=store,
+        region=region,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -231,8 +240,10 @@ def plan(
 @app.command()
 def nests(
     *,
-    dem: Dem,
+    dem: Dem = None,
     soil: Soil = None,
+    store: Store = None,
+    region: RegionName = None,
     soil_field: SoilField = None,
     soil_legend: SoilLegend = None,
     vehicle: VehicleName = "pioneer-3at",
@@ -311,6 +322,8 @@ def nests(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        store=store,
+        region=region,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -393,7 +406,7 @@ def figures(
     from swathe.cli.compare import ends_of
 
     terrain = terrain_request(
-        dem=dem or [],
+        dem=dem,
         soil=soil,
         soil_field=soil_field,
         soil_legend=soil_legend,
@@ -403,6 +416,7 @@ def figures(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        needs_ground=False,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -472,3 +486,6 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
     from swathe.cli.doctor import examine
 
     return examine(as_json=json)
+
+
+app.add_typer(import_app, name="import")

@@ -67,7 +67,9 @@ class Provenance:
     @property
     def digest(self) -> str:
         """SHA-256 over the content of the inputs and the options: two imports of one digest give the same layer."""
-        what = {"inputs": [sha256 for _, sha256 in self.inputs], "options": dict(sorted(self.options.items()))}
+        # What lies on a server, or is made by rule, has no hash: there the name counts.
+        inputs = [sha256 if len(sha256) == 64 else name for name, sha256 in self.inputs]
+        what = {"inputs": inputs, "options": dict(sorted(self.options.items()))}
         return hashlib.sha256(json.dumps(what, ensure_ascii=True, separators=(",", ":")).encode()).hexdigest()
 
 
