@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    import postgis
+
 HOSTILE = [
     "it's",
     'a "quoted" one',
@@ -46,11 +48,13 @@ HOSTILE = [
 ]
 
 
-@pytest.fixture(params=["files"])
+@pytest.fixture(params=["files", pytest.param("postgis", marks=pytest.mark.postgis)])
 def store_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """An address where a store can be made, for each kind of store."""
-    assert request.param == "files"
-    return str(tmp_path / "project")
+    if request.param == "files":
+        return str(tmp_path / "project")
+    cluster: postgis.Cluster = request.getfixturevalue("postgis_cluster")
+    return cluster.url(request.getfixturevalue("postgis_database"))
 
 
 @pytest.fixture
