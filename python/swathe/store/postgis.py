@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swathe.errors import RegionConflictError, StoreReadOnlyError
-from swathe.io.crs import registered_name
+from swathe.io.crs import Frame, registered_name
 from swathe.store import postgis_cells, postgis_polygons, postgis_rasters, postgis_readings
 from swathe.store.interface import (
     SOIL,
     ZONES,
     LayerInfo,
+    RegionInfo,
     StoredRoute,
     StoredRun,
     TerrainStore,
@@ -37,14 +38,12 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
     from swathe.grid import Window
-    from swathe.io.crs import Frame
     from swathe.store.cell_table import CellTable
     from swathe.store.interface import (
         Bounds,
         Change,
         ImportSession,
         Provenance,
-        RegionInfo,
         SoilPolygon,
         StoredReading,
         Subscription,
@@ -182,7 +181,9 @@ class PostgisStore(TerrainStore):
 
     def add_readings(self, region: str, readings: Sequence[StoredReading]) -> int:
         """File readings, all or none, as one revision, and return how many were new (their id not there yet)."""
-        require_within(self.region(region), readings)
+        with self._server.use() as connection:
+            row = region_row(connection, region)
+        require_within(RegionInfo(row.name, Frame(row.geometry)), readings)
         return postgis_readings.add_readings(self._server, region, readings)
 
     def readings(
