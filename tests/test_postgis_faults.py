@@ -171,6 +171,7 @@ def test_the_right_password_comes_from_the_environment_or_the_file(
     [
         "postgresql://me:hush-hush@somewhere/region",
         "postgresql://me@somewhere/region?password=hush-hush",
+        "postgresql://me@somewhere/region?sslpassword=hush-hush",
         "postgres://me:hush-hush@somewhere:5433/region?sslmode=require",
     ],
 )

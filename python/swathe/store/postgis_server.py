@@ -222,7 +222,8 @@ def _parsed(url: str) -> dict[str, Any]:
         raise InvalidParameterError(
             "The address of the store is none of PostgreSQL.", "Write postgresql://USER@HOST:PORT/DATABASE."
         ) from None
-    if conninfo.pop("password", None) is not None:
+    secrets = [conninfo.pop(name, None) for name in ("password", "sslpassword")]
+    if secrets != [None, None]:
         raise InvalidParameterError(
             f"The address {_shown(conninfo)} holds a password, which others on this machine can read.",
             "Leave it out of the address and put it into PGPASSWORD or ~/.pgpass.",
