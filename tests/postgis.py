@@ -174,3 +174,11 @@ def running_cluster(*, quick: bool = True) -> Iterator[Cluster]:
         if cluster is not None and cluster.is_running():
             cluster.kill()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def read_with_gdal(cluster: Cluster, database: str, where: str, folder: Path) -> Path:
+    """Let GDAL's own driver read rasters of a database and return the GeoTIFF that it made of them."""
+    program, made = requirement.program("gdal", ("gdal_translate",), "gdal-bin"), folder / "seen.tif"
+    name = f"PG:host={cluster.folder} dbname={database} user={SUPERUSER} {where}"
+    subprocess.run([program, "-q", "-of", "GTiff", name, made], capture_output=True, text=True, check=True)
+    return made

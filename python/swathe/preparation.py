@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from swathe.io.sources import Source
     from swathe.planner import Plan
     from swathe.soil import SoilReport
+    from swathe.store.cell_table import CellTable
     from swathe.vehicle import Vehicle
 
     OnProgress = Callable[[str, int, int], bool]
@@ -151,17 +152,22 @@ def prepare(
     frame = source.frame.window(window)
     require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
     with watch.step("read"):
+        table = source.cells(window) if settings.follows_paper and isinstance(source, StoredElevation) else None
         report = None if on_progress is None else (lambda done, total: on_progress("reading elevation", done, total))
-        elevation_m = source.read(window, report)
+        elevation_m = source.read(window, report) if table is None else table.elevation_m
     if is_whole:
         require_known(elevation_m, ", ".join(source.names))
     notes: list[str] = []
     grey = None
     if settings.follows_paper:
-        frame, elevation_m, grey, more = _averaged(frame, elevation_m, source.height_range_m, vehicle)
+        _require_groups(frame.geometry)
+        if table is None:
+            frame, elevation_m, grey, steepest = _averaged(frame, elevation_m, source.height_range_m)
+        else:
+            frame, grey, steepest = replace(frame, geometry=table.geometry), table.height, table.steepest_grade
         notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
-        notes += more
-    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch)
+        notes += _hidden_note(steepest, vehicle)
+    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch, cells=table)
     notes += more
     zones = source.closed(frame) if isinstance(source, StoredElevation) else None
     region = Region(frame.geometry, elevation_m, vehicle, codes, grey, zones, settings.rank)
@@ -235,11 +241,12 @@ def _soil(
     settings: Settings,
     *,
     watch: Stopwatch,
+    cells: CellTable | None = None,
 ) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None, list[str]]:
     """Read the soil map that was asked for, if any; with one of a store, its readings count."""
     if isinstance(source, StoredElevation):
         with watch.step("soil"):
-            stored = source.soil(frame, vehicle, settings.rank)
+            stored = source.soil(frame, vehicle, settings.rank, cells)
         if stored is None:
             return None, None, None, []
         found, codes, origin, readings = stored
@@ -253,27 +260,33 @@ def _soil(
     return layer.report, layer.codes, origin, []
 
 
-def _averaged(
-    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None, vehicle: Vehicle
-) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], list[str]]:
-    """Average the map by groups of 8 x 8 pixels, as the paper does; heights and grey levels alike."""
-    geometry = frame.geometry
+def _require_groups(geometry: GridGeometry) -> None:
     rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
     if min(rows, columns) < _FEWEST_GROUPS:
         raise TooSmallError(
             f"The paper's groups of 8 x 8 cells make {rows} x {columns} of {geometry.rows} x {geometry.columns} cells.",
             "At least 3 x 3 are needed: use a larger map, a smaller `--cell-size` or `--profile metric`.",
         )
+
+
+def _averaged(
+    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None
+) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Average the map by groups of 8 x 8 pixels, as the paper does: heights, grey levels, and the steepest slopes."""
+    geometry = frame.geometry
+    rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
     levels = height_map(elevation_m, grey_range_m)
-    grey, heights = group_mean(levels), group_mean(elevation_m)
     coarse = GridGeometry(rows, columns, geometry.cell_size_m * _PAPER_GROUP, geometry.west_m, geometry.north_m)
-    notes = []
     steepest = block_max(slope(elevation_m, geometry.cell_size_m))
+    return replace(frame, geometry=coarse), group_mean(elevation_m), group_mean(levels), steepest
+
+
+def _hidden_note(steepest: NDArray[np.float32], vehicle: Vehicle) -> list[str]:
     known = steepest[np.isfinite(steepest)]
     hidden = float(np.mean(known > vehicle.max_grade)) if known.size else 0.0
-    if hidden > 0:
-        notes.append(f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit.")
-    return replace(frame, geometry=coarse), heights, grey, notes
+    if hidden <= 0:
+        return []
+    return [f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit."]
 
 
 def _notes(region: Region | TiledRegion, source: ElevationSource, soil: SoilReport | None) -> list[str]:

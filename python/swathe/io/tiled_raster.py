@@ -210,8 +210,15 @@ def _profile(frame: Frame, dtype: np.dtype[Any]) -> dict[str, Any]:
 
 
 @contextmanager
+def small_cache() -> Iterator[None]:
+    """Let GDAL keep few blocks, for work that reads or writes each block once."""
+    with rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES):
+        yield
+
+
+@contextmanager
 def _settings() -> Iterator[None]:
     """Hold GDAL's settings for own files."""
-    with warnings.catch_warnings(), rasterio.Env(GDAL_CACHEMAX=CACHE_BYTES, GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
+    with warnings.catch_warnings(), small_cache(), rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         yield

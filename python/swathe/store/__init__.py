@@ -66,7 +66,7 @@ def open_store(url: str | PathLike[str], *, create: bool = False) -> TerrainStor
         MissingExtraError: the address is one of PostgreSQL and psycopg is not installed.
     """
     address = os.fspath(url)
-    scheme = urlsplit(address).scheme.lower() if "://" in address else ""
+    scheme = address.partition("://")[0].lower() if "://" in address else ""
     if scheme in _SERVER_SCHEMES:
         try:
             server = importlib.import_module("swathe.store.postgis")

@@ -18,6 +18,7 @@ from swathe.io.elevation import open_elevation
 from swathe.io.readings import read_readings
 from swathe.io.soil_intake import PolygonSoil, RasterSoil, open_soil
 from swathe.io.sources import BUNDLED_PREFIX, single
+from swathe.io.tiled_raster import small_cache
 from swathe.io.zones import ZonePolygons
 from swathe.store.interface import ELEVATION, SOIL, TILE_SIZE, Provenance, SoilPolygon, StoredReading, Zone
 from swathe.store.soil import legend_details
@@ -55,7 +56,10 @@ def import_elevation(
     Raises:
         SwatheError: a source cannot be used, the region lies on other cells, or the user stopped.
     """
-    with open_elevation(sources, cell_size_m=cell_size_m, crs=crs, height_range_m=height_range_m) as source:
+    with (
+        small_cache(),
+        open_elevation(sources, cell_size_m=cell_size_m, crs=crs, height_range_m=height_range_m) as source,
+    ):
         _tell(on_progress, "checking", 0, 1)
         options = _options(
             cell_size="" if cell_size_m is None else repr(float(cell_size_m)),
@@ -122,7 +126,7 @@ def import_soil(
         )
     provenance = Provenance(((name, sha256),), "", licence, author, options=options)
     details = legend_details(soil.name, None, soil.values, soil.meanings)
-    with store.begin_import(region, SOIL, provenance, dtype=np.uint16, details=details) as session:
+    with small_cache(), store.begin_import(region, SOIL, provenance, dtype=np.uint16, details=details) as session:
         if not session.is_current:
             _write_raster_soil(session, soil, info.frame.geometry.rows, on_progress)
         changed = not session.is_current

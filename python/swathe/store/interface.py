@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from swathe.io.crs import Frame
     from swathe.io.soil import SoilLayer
     from swathe.soil import SoilClass
+    from swathe.store.cell_table import CellTable
     from swathe.vehicle import Vehicle
 
 #: Cells along the edge of the tiles in which rasters are written.
@@ -498,6 +499,10 @@ class TerrainStore(ABC):
         from swathe.store.soil import soil_codes
 
         return soil_codes(self, region, window, join=join)
+
+    def cell_table(self, region: str) -> CellTable | None:  # noqa: ARG002 - for stores that keep one
+        """Return the paper's table of a region, or None in a store that keeps none."""
+        return None
 
     def belief(
         self,

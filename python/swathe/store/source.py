@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from swathe.io.soil import SoilLayer
     from swathe.io.sources import Source
     from swathe.rank import RankParams
+    from swathe.store.cell_table import CellTable
     from swathe.store.interface import LayerInfo, TerrainStore
     from swathe.vehicle import Vehicle
 
@@ -86,22 +87,37 @@ class StoredElevation(ElevationSource):
             StoreBusyError: the elevation was replaced meanwhile, so that what was read before is of another map.
         """
         heights = self.store.read_window(self._region, ELEVATION, window)
+        self._require_unchanged()
+        return np.ascontiguousarray(heights, dtype=np.float32)
+
+    def _require_unchanged(self) -> None:
         now = self.store.region(self._region).layers.get(ELEVATION)
         if now is None or now.provenance.digest != self._layer.provenance.digest:
             raise StoreBusyError(
                 f"The elevation of {self._region!r} was replaced while it was read.", "Give the command again."
             )
-        return np.ascontiguousarray(heights, dtype=np.float32)
+
+    def cells(self, window: Window) -> CellTable | None:
+        """Return the paper's table where the store keeps one and all of the region is wanted."""
+        info = self.store.region(self._region)
+        if window != Window(0, 0, *info.frame.geometry.shape):
+            # Grey levels span the heights of the part that is planned on.
+            return None
+        table = self.store.cell_table(self._region)
+        self._require_unchanged()
+        return table
 
     def soil(
-        self, frame: Frame, vehicle: Vehicle, params: RankParams
+        self, frame: Frame, vehicle: Vehicle, params: RankParams, cells: CellTable | None = None
     ) -> tuple[SoilLayer, NDArray[np.uint8], Source, int] | None:
         """Return the soil map of a frame, the codes to rank by, its source, and how many readings the codes heed."""
         info = self.store.region(self._region)
         layer = info.layers.get(SOIL)
         if layer is None:
             return None
-        found = soil_of_frame(self.store, info, frame)
+        found = cells.soil if cells is not None else None
+        if found is None:
+            found = soil_of_frame(self.store, info, frame)
         filed = self.store.readings(self._region)
         if not filed:
             return found, found.codes, recorded(layer)[0], 0

@@ -1,0 +1,212 @@
+"""The store in PostGIS: importing a large DEM against raster2pgsql, and eight vehicles that file readings at once."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from functools import partial
+from typing import TYPE_CHECKING
+
+import grass_peer
+import terrain_fields
+from harness import Benchmark, Contender
+from postgis_server import Server
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+SIDE = 10_000
+CELL_M = 10.0
+WRITERS = 8
+OVERVIEWS = "2,4,8,16,32,64"
+
+
+def prepare_import() -> tuple[Server, Path]:
+    server = Server()
+    server.folder.joinpath("input").mkdir(mode=0o755)
+    source = server.folder / "input" / "dem.tif"
+    grass_peer.write_geotiff(source, terrain_fields.elevation(SIDE), CELL_M)
+    server.restart()
+    return server, source
+
+
+def run_ours(prepared: tuple[Server, Path]) -> None:
+    from swathe.store import open_store
+    from swathe.store.imports import import_elevation
+
+    server, source = prepared
+    with open_store(server.url, create=True) as store:
+        import_elevation(store, "bench", [str(source)])
+    server.stop()
+
+
+def run_raster2pgsql(prepared: tuple[Server, Path], *, overviews: bool) -> None:
+    server, source = prepared
+    program, psql = shutil.which("raster2pgsql"), shutil.which("psql")
+    if program is None or psql is None:
+        raise RuntimeError("raster2pgsql is not installed: sudo apt-get install --no-install-recommends postgis")
+    # COPY, tiles as ours, the index as ours; without overviews it does less than we do.
+    more = ["-l", OVERVIEWS] if overviews else []
+    command = [program, "-s", "32632", "-t", "256x256", "-I", "-Y", *more, str(source), "public.dem"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as making:
+        load = [psql, "-q", "-v", "ON_ERROR_STOP=1", "-d", server.url, "-o", "/dev/null"]
+        subprocess.run(load, stdin=making.stdout, check=True)
+    server.stop()
+
+
+FACTS = """
+    SELECT sum(ST_Width(rast) * ST_Height(rast)), sum((s).count), sum((s).sum), min((s).min), max((s).max)
+    FROM {}, LATERAL ST_SummaryStats(rast) s
+"""
+
+
+def facts_of_import(table: tuple[str, str], prepared: tuple[Server, Path], _result: None) -> dict[str, float]:
+    from psycopg import sql
+
+    server, _ = prepared
+    server.start()
+    with server.connect() as connection:
+        found = connection.execute(sql.SQL(FACTS).format(sql.Identifier(*table))).fetchone()
+    server.remove()
+    return dict(zip(("cells", "known", "sum", "least", "greatest"), map(float, found), strict=True))
+
+
+WRITER = """
+import sys
+from pathlib import Path
+url, author, count, batch = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+import psycopg
+from swathe.belief import PenetrometerReading
+from swathe.store import StoredReading, open_store
+
+def reading(n):
+    push = PenetrometerReading(500005.0 + n % 9000, 5000005.0, (0.05, 0.1, 0.15), (300.0, 350.0, 400.0 + n % 50))
+    return StoredReading(f"{author}-{n}", push, author, "2026-05-01T10:00:00Z", "cone-1", 0.1)
+
+def wait():
+    print("ready", flush=True)
+    sys.stdin.readline()
+
+if sys.argv[5] == "ours":
+    with open_store(url) as store:
+        wait()
+        for first in range(0, count, batch):
+            store.add_readings("bench", [reading(n) for n in range(first, first + batch)])
+else:
+    with psycopg.connect(url) as connection:
+        wait()
+        statement = "INSERT INTO plain VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s)"
+        for first in range(0, count, batch):
+            rows = []
+            for stored in map(reading, range(first, first + batch)):
+                push = stored.reading
+                rows.append((stored.id, author, stored.time, stored.instrument, stored.error, push.x_m, push.y_m,
+                             list(push.depths_m), list(push.cone_indices_kpa)))
+            with connection.cursor() as cursor:
+                cursor.executemany(statement, rows)
+            connection.commit()
+"""
+
+
+def prepare_writers(side: str, count: int, batch: int) -> tuple[Server, list[subprocess.Popen[str]]]:
+    from swathe.grid import GridGeometry
+    from swathe.io.crs import Frame, parse_crs
+    from swathe.store import open_store
+
+    server = Server()
+    with open_store(server.url, create=True) as store:
+        store.create_region(
+            "bench", Frame(GridGeometry(1000, 1000, 10, 500_000, 5_010_000), parse_crs("EPSG:32632").to_wkt())
+        )
+    with server.connect() as connection:
+        connection.execute(
+            "CREATE TABLE plain (id text PRIMARY KEY, author text, time text, instrument text, error float8, "
+            "x_m float8, y_m float8, depths_m float8[], cone_index_kpa float8[])"
+        )
+    server.restart()
+    writers = [
+        subprocess.Popen(
+            [sys.executable, "-c", WRITER, server.url, f"rover {n}", str(count), str(batch), side],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for n in range(WRITERS)
+    ]
+    for writer in writers:
+        if writer.stdout is None or writer.stdout.readline() != "ready\n":
+            raise RuntimeError("A writer does not start.")
+    return server, writers
+
+
+def run_writers(prepared: tuple[Server, list[subprocess.Popen[str]]]) -> float:
+    """Let all writers go at once and return the seconds until the last has filed its last reading."""
+    server, writers = prepared
+    began = time.perf_counter()
+    for writer in writers:
+        if writer.stdin is not None:
+            writer.stdin.write("go\n")
+            writer.stdin.flush()
+    if sum(writer.wait() for writer in writers) != 0:
+        raise RuntimeError("A writer failed.")
+    wall_s = time.perf_counter() - began
+    server.stop()
+    return wall_s
+
+
+def facts_of_writers(
+    side: str, prepared: tuple[Server, list[subprocess.Popen[str]]], wall_s: float
+) -> dict[str, float]:
+    server, _ = prepared
+    server.start()
+    count = "SELECT count(*) FROM swathe.readings" if side == "ours" else "SELECT count(*) FROM plain"
+    with server.connect() as connection:
+        (filed,) = connection.execute(count).fetchone()
+    server.remove()
+    return {"readings": float(filed), f"{side}_per_wall_s": filed / wall_s}
+
+
+def writers(name: str, count: int, batch: int) -> Benchmark:
+    def side(which: str) -> tuple[Callable[[], object], Callable[..., dict[str, float]]]:
+        return partial(prepare_writers, which, count, batch), partial(facts_of_writers, which)
+
+    ours, peer = side("ours"), side("plain")
+    return Benchmark(
+        name,
+        ours=Contender("swathe.store, eight processes", ours[0], run_writers, ours[1]),
+        peer=Contender("psycopg, INSERT into a bare table", peer[0], run_writers, peer[1]),
+        must=0.3,
+        goal=0.5,
+    )
+
+
+def import_against(name: str, *, overviews: bool, must: float, goal: float) -> Benchmark:
+    return Benchmark(
+        name,
+        ours=Contender(
+            "swathe.store import, with overviews",
+            prepare_import,
+            run_ours,
+            partial(facts_of_import, ("swathe", "tiles")),
+        ),
+        peer=Contender(
+            "raster2pgsql -Y" + (f" -l {OVERVIEWS}" if overviews else "") + " | psql",
+            prepare_import,
+            partial(run_raster2pgsql, overviews=overviews),
+            partial(facts_of_import, ("public", "dem")),
+        ),
+        must=must,
+        goal=goal,
+        agree_relative=1e-9,
+    )
+
+
+BENCHMARKS = [
+    import_against("store-postgis-import", overviews=False, must=1.0, goal=2.0),
+    import_against("store-postgis-import-overviews", overviews=True, must=1.0, goal=3.0),
+    writers("store-postgis-readings", 250, 1),
+    writers("store-postgis-readings-100", 5000, 100),
+]
