@@ -7,6 +7,52 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio.raw
+import shapely
+
+import raster_files
+from raster_files import CELL, NORTH, WEST
+
+ROWS, COLUMNS = 80, 90
+#: Corners of soil areas, as rows and columns of cells; the last is an island in the first.
+AREAS = {
+    (0, 0, 80, 30): "sand",
+    (0, 30, 40, 90): "clay",
+    (40, 30, 80, 60): "silt",
+    (40, 60, 60, 90): "gravel",
+    (20, 5, 40, 20): "rock",
+}
+
+
+def heights_with_holes() -> np.ndarray[Any, Any]:
+    heights = raster_files.hills(ROWS, COLUMNS)
+    heights[5:9, 70:80] = np.nan
+    heights[0, 0] = np.nan
+    return heights
+
+
+def write_soils(path: Path) -> Path:
+    """Write the areas as polygons with a number, a name and columns that a GeoPackage keeps for itself."""
+    boxes = [
+        shapely.box(WEST + left * CELL, NORTH - bottom * CELL, WEST + right * CELL, NORTH - top * CELL)
+        for top, left, bottom, right in AREAS
+    ]
+    boxes[0] = boxes[0].difference(boxes[-1])
+    pyogrio.raw.write(
+        path,
+        shapely.to_wkb(np.array(boxes, dtype=object)),
+        [np.arange(1, 6, dtype=np.int32), np.array(list(AREAS.values()), dtype=object), np.arange(5.0)],
+        np.array(["number", "texture", "geom_fid"], dtype=object),
+        layer="soils",
+        crs=raster_files.UTM16,
+        geometry_type="Polygon",
+        driver="GPKG",
+        VERSION="1.2",
+    )
+    return path
 
 
 class Location:
@@ -54,3 +100,25 @@ class Location:
             str(path.relative_to(self.folder)): (path.stat().st_size, path.stat().st_mtime_ns)
             for path in sorted(self.folder.rglob("*"))
         }
+
+
+def hills_location(program: Path, folder: Path) -> Location:
+    """Make a location ``hills`` with elevation, soil as areas and as categories, and a second mapset.
+
+    What went into it stands beside it as ``dem.tif`` and ``soils.gpkg``.
+    """
+    raster_files.write(folder / "dem.tif", heights_with_holes(), nodata=np.nan)
+    write_soils(folder / "soils.gpkg")
+    made = Location(program, folder / "hills", folder / "dem.tif")
+    names = "\n".join(f"{number}|{name}" for number, name in enumerate(AREAS.values(), start=1))
+    (folder / "labels").write_text(names + "\n", encoding="ascii")
+    made.run(
+        ["r.in.gdal", f"input={folder / 'dem.tif'}", "output=dem"],
+        ["v.in.ogr", f"input={folder / 'soils.gpkg'}", "layer=soils", "output=soils", "key=number"],
+        "g.region raster=dem",
+        "v.to.rast input=soils output=soil_classes use=cat",
+        ["r.category", "map=soil_classes", "separator=pipe", f"rules={folder / 'labels'}"],
+    )
+    made.new_mapset("other")
+    made.run(f"g.region n={NORTH} s={NORTH - 300} w={WEST} e={WEST + 600} save=corner", mapset="other")
+    return made
