@@ -229,6 +229,8 @@ def test_what_is_no_run_or_no_name_is_refused(files: Path, terrain: TerrainReque
         export_grass(tmp_path, target)
     with pytest.raises(InvalidParameterError, match="no name of a mapset"):
         export_grass(files / "run", GrassTarget(tmp_path / "made", "../escape"))
+    with pytest.raises(InvalidParameterError, match="'my hills' is no name that GRASS allows for a location"):
+        export_grass(files / "run", GrassTarget(tmp_path / "my hills"))
     with pytest.raises(InvalidParameterError, match="cannot begin the names of maps"):
         export_grass(files / "run", GrassTarget(tmp_path / "made", prefix="a,b"))
     with pytest.raises(OutputError, match="does not exist"):

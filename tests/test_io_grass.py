@@ -104,6 +104,18 @@ def test_the_same_map_gives_the_same_bytes_and_leaves_nothing(location: Location
     assert len(set(prints)) == 3
 
 
+def test_a_location_in_an_odd_folder_is_read_through_a_link_and_without_a_home(
+    location: Location, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "ü 'q\"; $HOME"
+    folder.mkdir()
+    (folder / "a link").symlink_to(location.folder)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HOME", str(tmp_path / "nowhere"))
+    with open_elevation(["grass:a link/PERMANENT/dem"]) as source:
+        np.testing.assert_array_equal(source.read(), heights_with_holes())
+
+
 def test_a_map_that_changed_is_fetched_again(location: Location) -> None:
     location.run("g.region raster=dem@PERMANENT", "r.mapcalc --overwrite 'changing = 1'", mapset="other")
     before = single(location.address("changing", "other"))

@@ -24,6 +24,7 @@ from grass_location import AREAS, COLUMNS, ROWS, Location, hills_location
 from raster_files import NORTH, WEST
 from swathe.errors import AllVoidError, GrassError, SwatheError
 from swathe.io.elevation import open_elevation
+from swathe.io.grass import find_map, mapsets
 from swathe.io.grass_session import scrubbed
 from swathe.io.soil import read_soil
 from swathe.io.sources import single
@@ -179,6 +180,24 @@ def test_a_location_that_may_not_be_read_is_refused(copy: Path, part: str) -> No
         if me == 0:
             os.seteuid(0)
         folder.chmod(mode)
+
+
+def test_a_mapset_that_others_keep_to_themselves_is_passed_over(copy: Path) -> None:
+    for parent in [copy, *copy.parents][:4]:
+        parent.chmod(0o755)
+    (copy / "other").chmod(0)
+    me = os.geteuid()
+    try:
+        if me == 0:
+            os.seteuid(65534)
+        assert mapsets(copy) == ["PERMANENT"]
+        assert find_map(f"grass:{copy}/PERMANENT/dem").full_name == "dem@PERMANENT"
+        with pytest.raises(GrassError, match="has no mapset 'other'"):
+            find_map(f"grass:{copy}/other/dem")
+    finally:
+        if me == 0:
+            os.seteuid(0)
+        (copy / "other").chmod(0o755)
 
 
 def processes_with(text: str) -> list[tuple[int, str]]:

@@ -37,6 +37,7 @@ MAPSET = "swathe"
 PREFIX = "swathe"
 #: Vectors of a run: file, number of a feature, and whether it lies on the corners of cells.
 VECTORS = {"nests": ("nest", True), "route": ("leg", False), "drivable": ("arc", False)}
+_LEGAL_LOCATION = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*")
 _LEGAL_MAPSET = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _LEGAL_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NO_GO, _WORST, _BEST = 1, 2, 10
@@ -76,8 +77,8 @@ def export_grass(folder: Path | str, target: GrassTarget, *, terrain: TerrainReq
     """
     run = Path(folder).expanduser()
     summary = _summary(run)
-    _require_names(target)
-    location = target.location.expanduser().absolute()
+    location = Path(os.path.expanduser(target.location)).absolute()  # noqa: PTH111 - Path's fails on unknown users
+    _require_names(target, location)
     with tempfile.TemporaryDirectory(prefix="swathe-grass-") as made:
         work = Path(made)
         layers = _layers(run, terrain, work)
@@ -102,7 +103,11 @@ def _summary(run: Path) -> dict[str, Any]:
     return summary
 
 
-def _require_names(target: GrassTarget) -> None:
+def _require_names(target: GrassTarget, location: Path) -> None:
+    if not _LEGAL_LOCATION.fullmatch(location.name) and not location.exists():
+        raise InvalidParameterError(
+            f"{location.name!r} is no name that GRASS allows for a location.", "Use letters, digits, _ and -."
+        )
     if not _LEGAL_MAPSET.fullmatch(target.mapset):
         raise InvalidParameterError(f"{target.mapset!r} is no name of a mapset.", "Use letters, digits and _.")
     if not _LEGAL_PREFIX.fullmatch(target.prefix):

@@ -73,8 +73,8 @@ class GrassMap:
         else:
             folders = [self.folder / "cell_misc" / self.name]
             single = [self.folder / element / self.name for element in ("cell", "fcell", "cellhd", "cats")]
-        inside = [path for folder in folders if folder.is_dir() for path in folder.iterdir() if path.is_file()]
-        return sorted([path for path in single if path.is_file()] + inside)
+        inside = [path for folder in folders for path in listing(folder) if _is_file(path)]
+        return sorted([path for path in single if _is_file(path)] + inside)
 
 
 class Exported:
@@ -154,13 +154,13 @@ def require_location(location: Path) -> None:
 
 def mapsets(location: Path) -> list[str]:
     """Return the names of a location's mapsets."""
-    return [path.name for path in listing(location) if (path / "WIND").is_file()]
+    return [path.name for path in listing(location) if _is_file(path / "WIND")]
 
 
 def maps_in(mapset: Path, kind: str) -> list[str]:
     """Return the names of the rasters or vectors of a mapset."""
     folder = mapset / ("cellhd" if kind == "raster" else "vector")
-    return [path.name for path in listing(folder) if kind == "raster" or (path / "head").is_file()]
+    return [path.name for path in listing(folder) if kind == "raster" or _is_file(path / "head")]
 
 
 def suggestion(name: str, there: list[str], otherwise: str = "") -> str:
@@ -182,8 +182,13 @@ def listing(folder: Path) -> list[Path]:
 
 
 def _is_location(folder: Path) -> bool:
+    return _is_file(folder / PERMANENT / "DEFAULT_WIND")
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether a file is there for us: a location may have mapsets that others keep to themselves."""
     try:
-        return (folder / PERMANENT / "DEFAULT_WIND").is_file()
+        return path.is_file()
     except PermissionError:
         return False
 
