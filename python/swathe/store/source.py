@@ -91,6 +91,7 @@ class StoredElevation(ElevationSource):
             raise StoreBusyError(
                 f"The elevation of {self._region!r} was replaced while it was read.", "Give the command again."
             )
+        self._pool.bytes_read += heights.nbytes
         return np.ascontiguousarray(heights, dtype=np.float32)
 
     def soil(
