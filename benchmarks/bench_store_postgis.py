@@ -1,4 +1,4 @@
-"""The store in PostGIS: importing a large DEM against raster2pgsql, and eight vehicles that file readings at once."""
+"""The store in PostGIS: a large import against raster2pgsql, windows against ST_Union, and eight writers at once."""
 
 from __future__ import annotations
 
@@ -72,6 +72,76 @@ def facts_of_import(table: tuple[str, str], prepared: tuple[Server, Path], _resu
         found = connection.execute(sql.SQL(FACTS).format(sql.Identifier(*table))).fetchone()
     server.remove()
     return dict(zip(("cells", "known", "sum", "least", "greatest"), map(float, found), strict=True))
+
+
+WINDOW_MAP, WINDOW_SIDE, WINDOWS = 4096, 1000, 20
+
+
+def prepare_windows() -> Server:
+    from swathe.grid import GridGeometry
+    from swathe.io.crs import Frame, parse_crs
+    from swathe.store import TILE_SIZE, Provenance, open_store
+
+    server = Server()
+    heights = terrain_fields.elevation(WINDOW_MAP)
+    geometry = GridGeometry(WINDOW_MAP, WINDOW_MAP, CELL_M, grass_peer.WEST_M, grass_peer.SOUTH_M + WINDOW_MAP * CELL_M)
+    with open_store(server.url, create=True) as store:
+        store.create_region("bench", Frame(geometry, parse_crs("EPSG:32632").to_wkt()))
+        with store.begin_import("bench", "elevation", Provenance((("made", "here"),))) as session:
+            for top in range(0, WINDOW_MAP, TILE_SIZE):
+                for left in range(0, WINDOW_MAP, TILE_SIZE):
+                    tile = heights[top : top + TILE_SIZE, left : left + TILE_SIZE]
+                    session.write_tile(top // TILE_SIZE, left // TILE_SIZE, tile)
+            session.commit()
+    server.restart()
+    return server
+
+
+def corners() -> list[tuple[int, int]]:
+    """Return rows and columns where windows begin, none on the edge of a tile."""
+    return [(37 + 150 * n, 3000 - 140 * n) for n in range(WINDOWS)]
+
+
+def run_windows(server: Server) -> tuple[float, float]:
+    """Read the windows and return the sum of the cells and the seconds per window."""
+    from swathe.grid import Window
+    from swathe.store import open_store
+
+    total, began = 0.0, time.perf_counter()
+    with open_store(server.url) as store:
+        for row, column in corners():
+            window = store.read_window("bench", "elevation", Window(row, column, WINDOW_SIDE, WINDOW_SIDE))
+            total += float(window.sum(dtype="f8"))
+    wall_s = (time.perf_counter() - began) / WINDOWS
+    server.stop()
+    return total, wall_s
+
+
+def run_union(server: Server) -> tuple[float, float]:
+    """Let the server put the tiles together and cut the same windows out of what it sends."""
+    from swathe.store.raster_wkb import decode
+
+    total, began = 0.0, time.perf_counter()
+    asked = (
+        "SELECT ST_AsBinary(ST_Union(rast)) FROM swathe.tiles "
+        "WHERE tile_row BETWEEN %s AND %s AND tile_column BETWEEN %s AND %s"
+    )
+    with server.connect() as connection, connection.cursor(binary=True) as cursor:
+        for row, column in corners():
+            first, left = row // 256, column // 256
+            ends = (row + WINDOW_SIDE - 1) // 256, (column + WINDOW_SIDE - 1) // 256
+            (wkb,) = cursor.execute(asked, (first, ends[0], left, ends[1])).fetchone()
+            top, start = row - first * 256, column - left * 256
+            pixels = decode(wkb).pixels[top : top + WINDOW_SIDE, start : start + WINDOW_SIDE]
+            total += float(pixels.sum(dtype="f8"))
+    wall_s = (time.perf_counter() - began) / WINDOWS
+    server.stop()
+    return total, wall_s
+
+
+def facts_of_windows(side: str, server: Server, result: tuple[float, float]) -> dict[str, float]:
+    server.remove()
+    return {"sum": result[0], f"{side}_wall_ms_per_window": 1000 * result[1]}
 
 
 WRITER = """
@@ -205,6 +275,14 @@ def import_against(name: str, *, overviews: bool, must: float, goal: float) -> B
 
 
 BENCHMARKS = [
+    Benchmark(
+        "store-postgis-windows",
+        ours=Contender("swathe.store read_window", prepare_windows, run_windows, partial(facts_of_windows, "ours")),
+        peer=Contender("ST_AsBinary(ST_Union(rast))", prepare_windows, run_union, partial(facts_of_windows, "union")),
+        must=5.0,
+        goal=10.0,
+        agree_relative=1e-12,
+    ),
     import_against("store-postgis-import", overviews=False, must=1.0, goal=2.0),
     import_against("store-postgis-import-overviews", overviews=True, must=1.0, goal=3.0),
     writers("store-postgis-readings", 250, 1),

@@ -535,5 +535,5 @@ def test_eight_writers_at_once_lose_nothing(
     expected = {f"rover {writer}-{number}" for writer in range(writers) for number in range(count)}
     assert {one.id for one in stored} == expected
     assert len(stored) == writers * count
-    told = [identity for change in seen for identity in change.detail["ids"]]
-    assert sorted(told) == sorted(expected)
+    told = {identity: change.revision for change in seen for identity in change.detail["ids"]}
+    assert told == {one.id: one.revision for one in stored}

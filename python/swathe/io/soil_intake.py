@@ -173,14 +173,9 @@ def open_soil(
 
 
 def areas(near: Polygons, wkb: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
-    """Return those geometries that have an area in the frame, as polygons alone, and their places in ``wkb``."""
+    """Return those geometries that have an area in the frame, as polygons, and their places in ``wkb``."""
     polygons, present = near.laid(wkb)
     numbers = np.flatnonzero(present)
-    mixed = ~np.isin(shapely.get_type_id(polygons), (3, 6))
-    for n in np.flatnonzero(mixed):
-        # What a repair leaves of spikes: lines and points, which have no area.
-        parts = [part for part in shapely.get_parts(polygons[n]) if shapely.get_type_id(part) in (3, 6)]
-        polygons[n] = shapely.union_all(parts)
     kept = ~shapely.is_empty(polygons) & (shapely.area(polygons) > 0)
     return polygons[kept], numbers[kept]
 

@@ -42,6 +42,8 @@ BURN_ORDER = (
 TELLING_NAMES = ("class", "texture", "soil", "label", "boden")
 # Straight edges bend in another projection; they are cut into this many pieces across the map first.
 PIECES = 64
+# Polygon and multipolygon, as shapely numbers the types.
+POLYGONAL = (3, 6)
 SHARES = ("sand", "silt", "clay")
 
 
@@ -128,6 +130,11 @@ class Polygons:
         broken = ~shapely.is_valid(polygons)
         polygons[broken] = shapely.make_valid(polygons[broken])
         polygons = shapely.clip_by_rect(polygons, *self._box)
+        for n in np.flatnonzero(~np.isin(shapely.get_type_id(polygons), POLYGONAL)):
+            # What repair and cutting leave of spikes: lines and points, without an area, that would yet be burnt.
+            parts = shapely.get_parts(polygons[n])
+            parts = parts[np.isin(shapely.get_type_id(parts), POLYGONAL)]
+            polygons[n] = shapely.multipolygons(shapely.get_parts(parts))
         if self.crs_wkt is None:
             return _moved(polygons, self._local), present
         if self.crs_wkt != self._frame.crs_wkt:

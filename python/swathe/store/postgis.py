@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swathe.errors import RegionConflictError, StoreReadOnlyError
+from swathe.errors import RegionConflictError
 from swathe.io.crs import Frame, registered_name
 from swathe.store import postgis_cells, postgis_polygons, postgis_rasters, postgis_readings
 from swathe.store.interface import (
@@ -259,13 +259,9 @@ class PostgisStore(TerrainStore):
         None when this user may not fill it, or the region has no elevation or is smaller than one group of cells.
         """
         found = postgis_cells.read_cells(self._server, region)
-        if found is not None:
+        if found is not None or not postgis_cells.may_fill(self._server):
             return found
-        try:
-            filled = self.fill_cells(region)
-        except StoreReadOnlyError:
-            return None
-        return postgis_cells.read_cells(self._server, region) if filled else None
+        return postgis_cells.read_cells(self._server, region) if self.fill_cells(region) else None
 
     def fill_cells(self, region: str) -> int:
         """Make the paper's table of a region anew and return its number of cells (``cells`` in the database)."""

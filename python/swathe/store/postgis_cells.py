@@ -79,6 +79,13 @@ def fill_cells(server: Server, store: TerrainStore, region: str) -> int:
         connection.close()
 
 
+def may_fill(server: Server) -> bool:
+    """Return whether this user may fill tables of cells."""
+    with server.use() as connection:
+        (may,) = connection.execute(query("may_fill_cells")).fetchone() or (False,)
+    return bool(may)
+
+
 def read_cells(server: Server, region: str) -> CellTable | None:
     """Return the table of a region, or None where there is none of its present layers."""
     with server.use() as connection, connection.transaction():

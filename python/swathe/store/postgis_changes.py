@@ -34,18 +34,21 @@ class PostgisSubscription(Subscription):
         self._name = region
         self._connection: Connection | None = None
         connection = self._listening()
-        with server.told(connection):
-            row = region_row(connection, region)
+        try:
+            with server.told(connection):
+                row = region_row(connection, region)
+        except BaseException:
+            connection.close()
+            raise
         self._region_id = row.id
         self._since = row.revision if since is None else since
 
     def _listening(self) -> Connection:
         connection = self._connection
         if connection is None or connection.closed:
-            connection = self._server.connect()
+            connection = self._connection = self._server.connect()
             with self._server.told(connection):
                 connection.execute(query("listen"))
-            self._connection = connection
         return connection
 
     def poll(self, timeout_s: float = 0.0) -> list[Change]:

@@ -88,6 +88,7 @@ class StoredElevation(ElevationSource):
         """
         heights = self.store.read_window(self._region, ELEVATION, window)
         self._require_unchanged()
+        self._pool.bytes_read += heights.nbytes
         return np.ascontiguousarray(heights, dtype=np.float32)
 
     def _require_unchanged(self) -> None:
