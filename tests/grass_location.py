@@ -6,8 +6,10 @@ import os
 import shlex
 import subprocess
 import sys
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyogrio.raw
@@ -15,6 +17,9 @@ import shapely
 
 import raster_files
 from raster_files import CELL, NORTH, WEST
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROWS, COLUMNS = 80, 90
 #: Corners of soil areas, as rows and columns of cells; the last is an island in the first.
@@ -53,6 +58,24 @@ def write_soils(path: Path) -> Path:
         VERSION="1.2",
     )
     return path
+
+
+@contextmanager
+def as_nobody(folder: Path) -> Iterator[None]:
+    """Drop the rights of root, who may read and write everywhere, where ``folder`` can be reached by everybody."""
+    me = os.geteuid()
+    if me == 0:
+        # Not above the folder of all temporary files.
+        for parent in (folder, *folder.parents):
+            if parent in (Path(tempfile.gettempdir()), Path("/")):
+                break
+            parent.chmod(parent.stat().st_mode | 0o055)
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if me == 0:
+            os.seteuid(0)
 
 
 class Location:

@@ -18,7 +18,7 @@ import shapely
 import commands
 import raster_files
 from commands import way
-from grass_location import Location
+from grass_location import Location, as_nobody
 from swathe.config import TerrainRequest
 from swathe.errors import GrassError, InvalidParameterError, MissingFileError, OutputError, UnreadableFileError
 from swathe.export.grass import GrassTarget, export_grass
@@ -206,19 +206,12 @@ def test_a_locked_mapset_is_refused(location: Location, files: Path) -> None:
 @pytest.mark.parametrize("mapset", ["work", "new"])
 def test_a_location_that_may_not_be_written_is_refused(location: Location, files: Path, mapset: str) -> None:
     run = shutil.copytree(files / "run", location.folder.parent / "run")
-    for parent in [location.folder, *location.folder.parents][:4]:
-        parent.chmod(0o755)
-    me = os.geteuid()
     folder = location.folder / "work" if mapset == "work" else location.folder
     folder.chmod(0o555)
     try:
-        if me == 0:
-            os.seteuid(65534)
-        with pytest.raises((OutputError, GrassError), match=r"cannot be written|no permission"):
+        with as_nobody(folder), pytest.raises((OutputError, GrassError), match=r"cannot be written|no permission"):
             export_grass(run, GrassTarget(location.folder, mapset))
     finally:
-        if me == 0:
-            os.seteuid(0)
         folder.chmod(0o755)
     assert not (location.folder / "new").exists()
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import commands
 from commands import way
-from grass_location import AREAS, COLUMNS, ROWS, Location, hills_location
+from grass_location import AREAS, COLUMNS, ROWS, Location, as_nobody, hills_location
 from raster_files import NORTH, WEST
 from swathe.errors import AllVoidError, GrassError, SwatheError
 from swathe.io.elevation import open_elevation
@@ -167,36 +167,26 @@ def test_without_grass_the_line_to_install_it_is_said(location: Location, tmp_pa
 def test_a_location_that_may_not_be_read_is_refused(copy: Path, part: str) -> None:
     folder = copy / part
     mode = folder.stat().st_mode
-    for parent in [copy, *copy.parents][:4]:
-        parent.chmod(0o755)
+    with as_nobody(copy.parent):
+        assert find_map(f"grass:{copy}/PERMANENT/dem").name == "dem"
     folder.chmod(0)
-    me = os.geteuid()
+    refused = pytest.raises(GrassError, match=r"may not be read|is not a GRASS location|no permission")
     try:
-        if me == 0:
-            os.seteuid(65534)
-        with pytest.raises(GrassError, match=r"may not be read|is not a GRASS location|no permission"):
+        with as_nobody(copy.parent), refused:
             single(f"grass:{copy}/PERMANENT/dem")
     finally:
-        if me == 0:
-            os.seteuid(0)
         folder.chmod(mode)
 
 
 def test_a_mapset_that_others_keep_to_themselves_is_passed_over(copy: Path) -> None:
-    for parent in [copy, *copy.parents][:4]:
-        parent.chmod(0o755)
     (copy / "other").chmod(0)
-    me = os.geteuid()
     try:
-        if me == 0:
-            os.seteuid(65534)
-        assert mapsets(copy) == ["PERMANENT"]
-        assert find_map(f"grass:{copy}/PERMANENT/dem").full_name == "dem@PERMANENT"
-        with pytest.raises(GrassError, match="has no mapset 'other'"):
-            find_map(f"grass:{copy}/other/dem")
+        with as_nobody(copy):
+            assert mapsets(copy) == ["PERMANENT"]
+            assert find_map(f"grass:{copy}/PERMANENT/dem").full_name == "dem@PERMANENT"
+            with pytest.raises(GrassError, match="has no mapset 'other'"):
+                find_map(f"grass:{copy}/other/dem")
     finally:
-        if me == 0:
-            os.seteuid(0)
         (copy / "other").chmod(0o755)
 
 
