@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CELL_SIZE_M = 10.0
+#: Those of the store.
+OPTIONS = ("COMPRESS=ZSTD", "LEVEL=1", "PREDICTOR=YES", "BLOCKSIZE=256")
 
 
 def write_dem(side: int) -> Path:
