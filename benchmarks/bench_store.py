@@ -52,20 +52,11 @@ def import_it(folder: Path) -> Path:
 
 
 def translate_it(folder: Path) -> Path:
-    words = [
-        "-q",
-        "-of",
-        "COG",
-        "-co",
-        "COMPRESS=ZSTD",
-        "-co",
-        "LEVEL=1",
-        "-co",
-        "PREDICTOR=YES",
-        "-co",
-        "BLOCKSIZE=256",
-    ]
-    subprocess.run(["gdal_translate", *words, folder / "dem.tif", folder / "peer.tif"], check=True)
+    program = shutil.which("gdal_translate")
+    if program is None:
+        raise RuntimeError("GDAL's programs are not installed: sudo apt-get install --no-install-recommends gdal-bin")
+    options = [word for option in OPTIONS for word in ("-co", option)]
+    subprocess.run([program, "-q", "-of", "COG", *options, folder / "dem.tif", folder / "peer.tif"], check=True)
     return folder / "peer.tif"
 
 
