@@ -96,7 +96,10 @@ system-packages: ## install what some tests compare with (apt; only when missing
 	@packages=(); \
 	command -v gdaldem >/dev/null || packages+=(gdal-bin); \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || packages+=(chromium); \
+	command -v grass >/dev/null || packages+=(grass-core); \
 	command -v valgrind >/dev/null || packages+=(valgrind); \
+	compgen -G '/usr/share/postgresql/*/extension/postgis_raster.control' >/dev/null \
+		|| packages+=(postgresql-15-postgis-3 postgresql-15-postgis-3-scripts); \
 	if [ $${#packages[@]} -eq 0 ]; then exit 0; fi; \
 	printf '\n==> system packages: %s\n' "$${packages[*]}"; \
 	if [ "$$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then \
@@ -108,11 +111,16 @@ system-packages: ## install what some tests compare with (apt; only when missing
 
 # Programs that only benchmarks compare with.
 bench-packages:
-	@if command -v grass >/dev/null; then exit 0; fi; \
+	@packages=(); \
+	command -v grass >/dev/null || packages+=(grass-core); \
+	command -v raster2pgsql >/dev/null || packages+=(postgis); \
+	compgen -G '/usr/share/postgresql/*/extension/postgis_raster.control' >/dev/null \
+		|| packages+=(postgresql-15-postgis-3 postgresql-15-postgis-3-scripts); \
+	if [ $${#packages[@]} -eq 0 ]; then exit 0; fi; \
 	if [ "$$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then \
-		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends grass-core; \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$${packages[@]}"; \
 	else \
-		printf 'Benchmarks against GRASS fail without it. To install it: sudo apt-get install --no-install-recommends grass-core\n'; \
+		printf 'Benchmarks against them fail without. To install them: sudo apt-get install --no-install-recommends %s\n' "$${packages[*]}"; \
 	fi
 
 lock: $(BIN)/uv ## write requirements/ anew from pyproject.toml (UPGRADE=--upgrade for the newest versions)

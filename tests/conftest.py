@@ -8,16 +8,24 @@ from typing import TYPE_CHECKING
 import hypothesis
 import pytest
 
+import postgis
 import requirement
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 # The same examples on every run, and no verdict by the clock: a slow machine is not a broken program.
 hypothesis.settings.register_profile("swathe", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("swathe")
 
-MARKER_OF_FIXTURE = {"chromium": "browser", "gdaldem": "gdal", "swathe_data": "data"}
+MARKER_OF_FIXTURE = {
+    "chromium": "browser",
+    "gdaldem": "gdal",
+    "grass": "grass",
+    "postgis_cluster": "postgis",
+    "swathe_data": "data",
+}
 
 
 def pytest_configure() -> None:
@@ -51,3 +59,24 @@ def gdaldem() -> Path:
 def chromium() -> Path:
     """A real browser."""
     return requirement.program("browser", ("chromium", "chromium-browser"), "chromium")
+
+
+@pytest.fixture(scope="session")
+def grass() -> Path:
+    """GRASS, whose locations are read and written."""
+    return requirement.program("grass", ("grass",), "grass-core")
+
+
+@pytest.fixture(scope="session")
+def postgis_cluster() -> Iterator[postgis.Cluster]:
+    """A PostgreSQL server with PostGIS that nobody else uses."""
+    with postgis.running_cluster() as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def postgis_database(postgis_cluster: postgis.Cluster) -> Iterator[str]:
+    """The name of an empty database with PostGIS in ``postgis_cluster``."""
+    name = postgis_cluster.new_database()
+    yield name
+    postgis_cluster.drop(name)

@@ -1,7 +1,8 @@
 """What tests need from outside this repository, and whether its absence is a skip or a failure.
 
-``SWATHE_REQUIRE`` names what must be there: ``all``, or some of ``browser``, ``data``, ``gdal`` and ``git`` with commas
-between. What is named and missing fails the test; what is only missing skips it, with the line that would help.
+``SWATHE_REQUIRE`` names what must be there: ``all``, or some of ``browser``, ``data``, ``gdal``, ``git``, ``grass`` and
+``postgis`` with commas between. What is named and missing fails the test; what is only missing skips it, with the line
+that would help.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import NoReturn
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-KNOWN = frozenset({"browser", "data", "gdal", "git"})
+KNOWN = frozenset({"browser", "data", "gdal", "git", "grass", "postgis"})
 
 
 def required_names(switch: str) -> frozenset[str]:

@@ -24,7 +24,9 @@ def test_the_switch_names_what_must_be_there(switch: str, expected: frozenset[st
 
 
 def test_a_name_nobody_knows_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=r"names gdall\. It may be: all, or some of browser, data, gdal, git\."):
+    with pytest.raises(
+        ValueError, match=r"names gdall\. It may be: all, or some of browser, data, gdal, git, grass, postgis\."
+    ):
         requirement.required_names("gdall")
 
 

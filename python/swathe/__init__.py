@@ -30,6 +30,7 @@ __all__ = [
     "sensor",
     "sim",
     "soil",
+    "store",
     "swarm",
     "terrain",
     "trials",

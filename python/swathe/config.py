@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from swathe.corridor import CorridorParams
-from swathe.errors import InvalidParameterError
+from swathe.errors import InvalidParameterError, UsageError
 from swathe.nest import NestParams
 from swathe.objective import Objective
 from swathe.rank import RankParams
@@ -34,9 +34,11 @@ class TerrainRequest:
         points_crs: system of points and bounds; None is WGS 84 longitude,latitude.
         bounds: west, south, east, north of the part to use, in ``points_crs``.
         memory_limit_bytes: most memory that may be used; None takes what is free.
+        store: address of a terrain store that holds elevation and soil, in the place of ``dem`` and ``soil``.
+        region: the region of the store.
     """
 
-    dem: tuple[str, ...]
+    dem: tuple[str, ...] = ()
     soil: str | None = None
     soil_field: str | None = None
     soil_legend: str | None = None
@@ -47,6 +49,29 @@ class TerrainRequest:
     points_crs: str | None = None
     bounds: tuple[float, float, float, float] | None = None
     memory_limit_bytes: int | None = None
+    store: str | None = None
+    region: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.store is None and self.region is None:
+            return
+        if self.store is None or self.region is None:
+            raise UsageError("A region is part of a store.", "Give both `--store URL` and `--region NAME`.")
+        asked = {
+            "--dem": bool(self.dem),
+            "--soil": self.soil is not None,
+            "--soil-field": self.soil_field is not None,
+            "--soil-legend": self.soil_legend is not None,
+            "--cell-size": self.cell_size_m is not None,
+            "--crs": self.crs is not None,
+            "--height-range": self.height_range_m is not None,
+        }
+        wrong = [option for option, given in asked.items() if given]
+        if wrong:
+            raise UsageError(
+                f"With `--store` the ground is what was imported, so {', '.join(wrong)} cannot be given too.",
+                "Give it to `swathe import` instead.",
+            )
 
 
 @dataclass(frozen=True, slots=True)

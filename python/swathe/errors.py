@@ -133,6 +133,78 @@ class InvalidScenarioError(InputError):
     kind = "invalid_scenario"
 
 
+class GrassError(InputError):
+    """GRASS is missing, or a location, mapset or map of it cannot be used."""
+
+    kind = "grass"
+
+
+class MissingExtraError(InputError):
+    """An optional part of Swathe is not installed."""
+
+    kind = "missing_extra"
+
+
+class StoreError(InputError):
+    """A store cannot do what was asked."""
+
+    kind = "store"
+
+
+class StoreUnavailableError(StoreError):
+    """There is no store at an address, its server does not answer, or it went away."""
+
+    kind = "store_unavailable"
+
+
+class StoreSchemaError(StoreError):
+    """A store was made by a newer version, must be migrated first, or lacks an extension."""
+
+    kind = "store_schema"
+
+
+class StoreReadOnlyError(StoreError):
+    """A store may be read and not written."""
+
+    kind = "store_read_only"
+
+
+class StoreBusyError(StoreError):
+    """Somebody else is writing, for longer than we wait."""
+
+    kind = "store_busy"
+
+
+class StoreFullError(StoreError):
+    """The disk of a store is full."""
+
+    kind = "store_full"
+
+
+class StoreDamagedError(StoreError):
+    """A store's files are cut short or not what they were."""
+
+    kind = "store_damaged"
+
+
+class MissingRegionError(StoreError):
+    """A store has no region of this name."""
+
+    kind = "missing_region"
+
+
+class MissingLayerError(StoreError):
+    """A region of a store has no such layer."""
+
+    kind = "missing_layer"
+
+
+class RegionConflictError(StoreError):
+    """A region of this name lies on other cells."""
+
+    kind = "region_conflict"
+
+
 class OutputError(InputError):
     """The output folder cannot be written, is full, or is not ours."""
 

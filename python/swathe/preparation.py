@@ -21,6 +21,7 @@ from swathe.io.window import bounded, reads_lazily
 from swathe.nest import Nests
 from swathe.objective import closed_where, cost_factor
 from swathe.rank import Region, TiledRegion
+from swathe.store.source import StoredElevation
 from swathe.terrain import block_max, group_mean, height_map, slope
 from swathe.vehicle import load_vehicle
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from swathe.io.sources import Source
     from swathe.planner import Plan
     from swathe.soil import SoilReport
+    from swathe.store.cell_table import CellTable
     from swathe.vehicle import Vehicle
 
     OnProgress = Callable[[str, int, int], bool]
@@ -101,7 +103,9 @@ def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: 
 
 
 def open_source(terrain: TerrainRequest) -> ElevationSource:
-    """Open the elevation that was asked for; nothing is read yet."""
+    """Open the elevation that was asked for, in files or in a store; nothing is read yet."""
+    if terrain.store is not None and terrain.region is not None:
+        return StoredElevation(terrain.store, terrain.region)
     return open_elevation(
         terrain.dem,
         cell_size_m=terrain.cell_size_m,
@@ -118,8 +122,9 @@ def lazy_elevation(
     on_progress: OnProgress | None,
 ) -> LazyElevation | None:
     """Return the elevation as what a plan reads when it needs it, or None where it is read at once."""
-    # Costs of the user's close cells of the map before anything is looked at.
-    if settings.looks_where_it_goes and terrain.cost_raster is None and reads_lazily(source, whole):
+    # Costs of the user's and zones close cells of the map before anything is looked at.
+    closes = terrain.cost_raster is not None or (isinstance(source, StoredElevation) and source.has_zones)
+    if settings.looks_where_it_goes and not closes and reads_lazily(source, whole):
         return LazyElevation(source, whole, on_progress)
     return None
 
@@ -147,20 +152,25 @@ def prepare(
     frame = source.frame.window(window)
     require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
     with watch.step("read"):
+        table = source.cells(window) if settings.follows_paper and isinstance(source, StoredElevation) else None
         report = None if on_progress is None else (lambda done, total: on_progress("reading elevation", done, total))
-        elevation_m = source.read(window, report)
+        elevation_m = source.read(window, report) if table is None else table.elevation_m
     if is_whole:
         require_known(elevation_m, ", ".join(source.names))
     notes: list[str] = []
     grey = None
     if settings.follows_paper:
-        frame, elevation_m, grey, more = _averaged(
-            frame, elevation_m, terrain.height_range_m if source.grey else None, vehicle
-        )
+        _require_groups(frame.geometry)
+        if table is None:
+            frame, elevation_m, grey, steepest = _averaged(frame, elevation_m, source.height_range_m)
+        else:
+            frame, grey, steepest = replace(frame, geometry=table.geometry), table.height, table.steepest_grade
         notes.append(f"Profile {settings.rank.profile}: heights averaged by groups of 8 x 8 pixels, as in the paper.")
-        notes += more
-    soil_report, codes, soil_source = _soil(terrain, frame, watch)
-    region = Region(frame.geometry, elevation_m, vehicle, codes, grey, None, settings.rank)
+        notes += _hidden_note(steepest, vehicle)
+    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch, cells=table)
+    notes += more
+    zones = source.closed(frame) if isinstance(source, StoredElevation) else None
+    region = Region(frame.geometry, elevation_m, vehicle, codes, grey, zones, settings.rank)
     cost = cost_source = None
     if terrain.cost_raster is not None:
         with watch.step("cost"):
@@ -193,10 +203,10 @@ def _prepare_lazily(
     """Make a region of a window of the ground whose elevation is read when it is needed; its soil is read at once."""
     frame = source.frame.window(window)
     require_memory(window, frame.geometry.cell_size_m, source.names, terrain.memory_limit_bytes)
-    soil_report, codes, soil_source = _soil(terrain, frame, watch)
+    soil_report, codes, soil_source, more = _soil(source, terrain, frame, vehicle, settings, watch=watch)
     first = (window.row % TILE_SIZE, window.column % TILE_SIZE)
     region = TiledRegion(frame.geometry, lazy.reader(window), vehicle, codes, settings.rank, TILE_SIZE, first)
-    notes = tuple(_notes(region, source, soil_report))
+    notes = (*more, *_notes(region, source, soil_report))
     return Ground(region, frame, source, soil_report, soil_source, None, None, notes, is_whole)
 
 
@@ -224,37 +234,59 @@ def as_read(ground: Ground, window: Window, lazy: LazyElevation, answer: Plan) -
 
 
 def _soil(
-    terrain: TerrainRequest, frame: Frame, watch: Stopwatch
-) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None]:
-    """Read the soil map that was asked for, if any."""
+    source: ElevationSource,
+    terrain: TerrainRequest,
+    frame: Frame,
+    vehicle: Vehicle,
+    settings: Settings,
+    *,
+    watch: Stopwatch,
+    cells: CellTable | None = None,
+) -> tuple[SoilReport | None, NDArray[np.uint8] | None, Source | None, list[str]]:
+    """Read the soil map that was asked for, if any; with one of a store, its readings count."""
+    if isinstance(source, StoredElevation):
+        with watch.step("soil"):
+            stored = source.soil(frame, vehicle, settings.rank, cells)
+        if stored is None:
+            return None, None, None, []
+        found, codes, origin, readings = stored
+        notes = [f"Soil is believed after {readings} readings of the store."] if readings else []
+        return found.report, codes, origin, notes
     if terrain.soil is None:
-        return None, None, None
+        return None, None, None, []
     with watch.step("soil"):
+        origin = single(terrain.soil)  # first: what has to be fetched for it is then fetched once
         layer = read_soil(terrain.soil, frame, field=terrain.soil_field, legend=terrain.soil_legend)
-    return layer.report, layer.codes, single(terrain.soil)
+    return layer.report, layer.codes, origin, []
 
 
-def _averaged(
-    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None, vehicle: Vehicle
-) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], list[str]]:
-    """Average the map by groups of 8 x 8 pixels, as the paper does; heights and grey levels alike."""
-    geometry = frame.geometry
+def _require_groups(geometry: GridGeometry) -> None:
     rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
     if min(rows, columns) < _FEWEST_GROUPS:
         raise TooSmallError(
             f"The paper's groups of 8 x 8 cells make {rows} x {columns} of {geometry.rows} x {geometry.columns} cells.",
             "At least 3 x 3 are needed: use a larger map, a smaller `--cell-size` or `--profile metric`.",
         )
+
+
+def _averaged(
+    frame: Frame, elevation_m: NDArray[np.float32], grey_range_m: tuple[float, float] | None
+) -> tuple[Frame, NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Average the map by groups of 8 x 8 pixels, as the paper does: heights, grey levels, and the steepest slopes."""
+    geometry = frame.geometry
+    rows, columns = geometry.rows // _PAPER_GROUP, geometry.columns // _PAPER_GROUP
     levels = height_map(elevation_m, grey_range_m)
-    grey, heights = group_mean(levels), group_mean(elevation_m)
     coarse = GridGeometry(rows, columns, geometry.cell_size_m * _PAPER_GROUP, geometry.west_m, geometry.north_m)
-    notes = []
     steepest = block_max(slope(elevation_m, geometry.cell_size_m))
+    return replace(frame, geometry=coarse), group_mean(elevation_m), group_mean(levels), steepest
+
+
+def _hidden_note(steepest: NDArray[np.float32], vehicle: Vehicle) -> list[str]:
     known = steepest[np.isfinite(steepest)]
     hidden = float(np.mean(known > vehicle.max_grade)) if known.size else 0.0
-    if hidden > 0:
-        notes.append(f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit.")
-    return replace(frame, geometry=coarse), heights, grey, notes
+    if hidden <= 0:
+        return []
+    return [f"{100 * hidden:.0f} % of the averaged cells hold ground steeper than the vehicle's limit."]
 
 
 def _notes(region: Region | TiledRegion, source: ElevationSource, soil: SoilReport | None) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -38,6 +38,7 @@ from swathe.cli.options import (
     PointsCrs,
     Profile,
     Quiet,
+    RegionName,
     Rounding,
     Sagitta,
     Seed,
@@ -47,6 +48,7 @@ from swathe.cli.options import (
     SoilTable,
     StartBearing,
     Stop,
+    Store,
     Threads,
     UnknownSoil,
     VehicleName,
@@ -56,6 +58,7 @@ from swathe.cli.options import (
     terrain_request,
 )
 from swathe.cli.root import app as app  # noqa: PLC0414 - what this module is imported for
+from swathe.cli.store import import_app
 
 
 @app.callback(invoke_without_command=True)
@@ -95,7 +98,9 @@ def demo(out: Out = None, json: Json = False, quiet: Quiet = False, debug: Debug
 @app.command()
 def plan(
     *,
-    dem: Dem,
+    dem: Dem = None,
+    store: Store = None,
+    region: RegionName = None,
     start: Annotated[str, typer.Option("--start", help="LON,LAT where the vehicle is.")],
     goal: Annotated[str, typer.Option("--goal", help="LON,LAT where it should go.")],
     soil: Soil = None,
@@ -162,6 +167,8 @@ def plan(
 
       swathe plan --dem dem.tif --start 10.05,51.53 --goal 10.15,51.60 --max-evaluations 20000 --animate
 
+      swathe plan --store my-project --region valley --start 10.05,51.53 --goal 10.15,51.60
+
     A negative answer (exit code 3) says what is in the way, where, and what would change it.
     """
     from swathe import mission
@@ -179,6 +186,8 @@ def plan(
         bounds=bounds,
         memory_limit=memory_limit,
         cost_raster=cost_raster,
+        store=store,
+        region=region,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -224,8 +233,10 @@ def plan(
 @app.command()
 def nests(
     *,
-    dem: Dem,
+    dem: Dem = None,
     soil: Soil = None,
+    store: Store = None,
+    region: RegionName = None,
     soil_field: SoilField = None,
     soil_legend: SoilLegend = None,
     vehicle: VehicleName = "pioneer-3at",
@@ -304,6 +315,8 @@ def nests(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        store=store,
+        region=region,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -386,7 +399,7 @@ def figures(
     from swathe.cli.compare import ends_of
 
     terrain = terrain_request(
-        dem=dem or [],
+        dem=dem,
         soil=soil,
         soil_field=soil_field,
         soil_legend=soil_legend,
@@ -396,6 +409,7 @@ def figures(
         points_crs=points_crs,
         bounds=bounds,
         memory_limit=memory_limit,
+        needs_ground=False,
     )
     settings = settings_of(
         vehicle=vehicle,
@@ -433,6 +447,50 @@ def report(
 
 
 @app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="A run's folder.")],
+    *,
+    to: Annotated[Literal["grass"], typer.Option("--format", help="What to write.")],  # noqa: ARG001 - one so far
+    location: Annotated[Path, typer.Option("--location", help="GRASS location; made when it is not there.")],
+    mapset: Annotated[str, typer.Option("--mapset", help="Its mapset; made when it is not there.")] = "swathe",
+    prefix: Annotated[str, typer.Option("--prefix", help="How the names of the maps begin.")] = "swathe",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace maps of these names.")] = False,
+    dem: Annotated[
+        list[str] | None,
+        typer.Option("--dem", help="Elevation of the run, as it was given there; without it none is written."),
+    ] = None,
+    cell_size: CellSize = None,
+    height_range: HeightRange = None,
+    crs: Crs = None,
+    json: Json = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """Write a run's ranks, nests, route and elevation for another program.
+
+    Example:
+
+      swathe export swathe-plan --format grass --location grassdata/hills --dem dem.tif
+    """
+    from swathe.cli import export as exporting
+
+    terrain = terrain_request(
+        dem=dem or [],
+        soil=None,
+        soil_field=None,
+        soil_legend=None,
+        cell_size=cell_size,
+        height_range=height_range,
+        crs=crs,
+        points_crs=None,
+        bounds=None,
+        memory_limit=None,
+    )
+    return exporting.write(
+        folder, location, mapset=mapset, prefix=prefix, overwrite=overwrite, terrain=terrain, as_json=json
+    )
+
+
+@app.command()
 def vehicles(
     name: Annotated[str | None, typer.Argument(help="A vehicle, or a TOML file of your own, to show in full.")] = None,
     json: Json = False,
@@ -465,3 +523,6 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
     from swathe.cli.doctor import examine
 
     return examine(as_json=json)
+
+
+app.add_typer(import_app, name="import")

@@ -13,8 +13,12 @@ from swathe.errors import SwatheError
 
 _LIBRARIES = ("numpy", "rasterio", "pyogrio", "pyproj", "shapely", "matplotlib", "typer", "rich", "pydantic")
 
-#: Programs that only tests compare with or look through.
-_OPTIONAL = {"gdaldem": "apt-get install gdal-bin", "chromium": "apt-get install chromium"}
+#: Programs that one can do without, and what is missing then.
+_OPTIONAL = {
+    "grass": "for grass: maps; apt-get install --no-install-recommends grass-core",
+    "gdaldem": "for tests; apt-get install gdal-bin",
+    "chromium": "for tests; apt-get install chromium",
+}
 
 
 def examine(*, as_json: bool) -> int:
@@ -24,7 +28,7 @@ def examine(*, as_json: bool) -> int:
     checks = [_core(), *(_library(name) for name in _LIBRARIES), _terrain(), _memory(), _folder()]
     for program, how in _OPTIONAL.items():
         found = shutil.which(program)
-        checks.append({"name": program, "ok": True, "found": found or f"not here (for tests; {how})"})
+        checks.append({"name": program, "ok": True, "found": found or f"not here ({how})"})
     healthy = all(check["ok"] for check in checks)
     lines = [f"{'ok ' if check['ok'] else 'NO '} {check['name']:16} {check['found']}" for check in checks]
     lines.append("Everything that is needed is here." if healthy else "Run `make build` to mend what is marked NO.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,18 +16,32 @@ METHOD = "How it is judged"
 OUTPUT = "What you get"
 
 Dem = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--dem",
-        help="Elevation: a file, folder, pattern or http(s) address of anything GDAL reads, or bundled:jacksboro. "
-        "Several are put together.",
+        help="Elevation: a file, folder, pattern or http(s) address of anything GDAL reads, bundled:jacksboro, or "
+        "grass:LOCATION/MAPSET/MAP. Several are put together.",
         rich_help_panel=GROUND,
     ),
 ]
 Soil = Annotated[
     str | None,
-    typer.Option("--soil", help="Soil map: vector or raster, or bundled:jacksboro.", rich_help_panel=GROUND),
+    typer.Option(
+        "--soil",
+        help="Soil map: vector or raster, bundled:jacksboro, grass:LOCATION/MAPSET/MAP, or "
+        "postgresql://HOST/DATABASE?table=SCHEMA.TABLE.",
+        rich_help_panel=GROUND,
+    ),
 ]
+Store = Annotated[
+    str | None,
+    typer.Option(
+        "--store",
+        help="In the place of --dem and --soil: a project folder, or postgresql://..., that `swathe import` filled.",
+        rich_help_panel=GROUND,
+    ),
+]
+RegionName = Annotated[str | None, typer.Option("--region", help="Region of the store.", rich_help_panel=GROUND)]
 SoilField = Annotated[
     str | None, typer.Option("--soil-field", help="Attribute of the soil map that names the soil, e.g. cat.")
 ]
@@ -154,9 +169,19 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 
+def author_name(given: str | None) -> str:
+    """Return who does something: the name given, or that of the user."""
+    if given is not None:
+        return given
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return ""
+
+
 def terrain_request(
     *,
-    dem: list[str],
+    dem: list[str] | None,
     soil: str | None,
     soil_field: str | None,
     soil_legend: str | None,
@@ -167,16 +192,22 @@ def terrain_request(
     bounds: str | None,
     memory_limit: float | None,
     cost_raster: str | None = None,
+    store: str | None = None,
+    region: str | None = None,
+    needs_ground: bool = True,
 ) -> TerrainRequest:
     """Return the ground that the options name."""
     from swathe.cli import say
     from swathe.config import TerrainRequest
+    from swathe.errors import UsageError
     from swathe.io.memory import limit_of
 
+    if needs_ground and not dem and store is None and region is None:
+        raise UsageError("No ground was named.", "Give `--dem`, or `--store` and `--region`.")
     low_high = None if height_range is None else say.numbers("--height-range", height_range, 2)
     box = None if bounds is None else say.numbers("--bounds", bounds, 4)
     return TerrainRequest(
-        dem=tuple(dem),
+        dem=tuple(dem or ()),
         soil=soil,
         soil_field=soil_field,
         soil_legend=soil_legend,
@@ -187,6 +218,8 @@ def terrain_request(
         points_crs=points_crs,
         bounds=None if box is None else (box[0], box[1], box[2], box[3]),
         memory_limit_bytes=None if memory_limit is None else limit_of(memory_limit),
+        store=store,
+        region=region,
     )
 
 

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 
 _STAGES = {
     "reading elevation": "Reading elevation",
+    "checking": "Checking the source",
+    "importing elevation": "Importing elevation",
+    "importing soil": "Importing soil",
+    "importing zones": "Importing zones",
+    "compressing": "Compressing",
     "reading again": "No answer, reading again",
     "corridor": "Laying the arc",
     "regions": "Termites at work",

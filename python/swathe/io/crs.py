@@ -242,3 +242,18 @@ def same_crs(first_wkt: str | None, second_wkt: str | None) -> bool:
     if first_wkt is None or second_wkt is None or first_wkt == second_wkt:
         return first_wkt == second_wkt
     return crs_from_wkt(first_wkt).equals(crs_from_wkt(second_wkt), ignore_axis_order=True)
+
+
+def registered_name(wkt: str) -> tuple[str, str, int] | None:
+    """Return name, authority and code of a system that an authority has registered, or None."""
+    crs = crs_from_wkt(wkt)
+    found = crs.to_authority(min_confidence=100)
+    return (crs_name(crs), found[0], int(found[1])) if found is not None and found[1].isdigit() else None
+
+
+def old_wkt(wkt: str) -> str | None:
+    """Return a system as WKT 1, which GeoPackages hold, or None when that cannot say it."""
+    try:
+        return crs_from_wkt(wkt).to_wkt("WKT1_GDAL")
+    except ProjError:
+        return None

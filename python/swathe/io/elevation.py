@@ -45,14 +45,21 @@ class ElevationSource:
 
     ``names`` are the inputs as they may be shown (``is_remote`` when any lies on a server), ``frame`` the lattice of
     the whole extent, ``source_crs_wkt`` the system of the files themselves (None in a local frame), ``grey`` tells a
-    picture from heights, ``warped`` whether cells are resampled, ``is_tiled`` whether the files hold blocks that can be
-    read alone, and ``native_cell_size_m`` the mean size of the files' own cells on the ground.
+    picture from heights, ``height_range_m`` its heights of black and white, ``warped`` whether cells are resampled,
+    ``is_tiled`` whether the files hold blocks that can be read alone, and ``native_cell_size_m`` the mean size of the
+    files' own cells on the ground.
     """
 
     tile_size = TILE_SIZE
 
     def __init__(
-        self, sources: Sequence[Source], mosaics: Sequence[Mosaic], target: Target, pool: DatasetPool, *, grey: bool
+        self,
+        sources: Sequence[Source],
+        mosaics: Sequence[Mosaic],
+        target: Target,
+        pool: DatasetPool,
+        *,
+        height_range_m: tuple[float, float] | None,
     ) -> None:
         self._sources = tuple(sources)
         self._mosaics = tuple(mosaics)
@@ -64,7 +71,8 @@ class ElevationSource:
         )
         self.frame = target.frame
         self.source_crs_wkt = mosaics[0].crs_wkt
-        self.grey = grey
+        self.height_range_m = height_range_m
+        self.grey = height_range_m is not None
         self.warped = target.warped
         self.native_cell_size_m = target.native_cell_size_m
         geometry = target.frame.geometry
@@ -112,7 +120,7 @@ class ElevationSource:
         tops = range(window.row // TILE_SIZE, -(-(window.row + window.rows) // TILE_SIZE))
         lefts = range(window.column // TILE_SIZE, -(-(window.column + window.columns) // TILE_SIZE))
         for done, top in enumerate(tops, start=1):
-            if self.warped:
+            if self._warps:
                 for already, left in enumerate(lefts, start=1):
                     _paste(heights, window, self._tile(top, left), top * TILE_SIZE, left * TILE_SIZE)
                     _report(on_progress, (done - 1) * len(lefts) + already, len(tops) * len(lefts))
@@ -203,17 +211,16 @@ def _open(
         raise MissingCrsError(
             f"{without[0]} has no coordinate reference system and others have one.", "Give its system to the file."
         )
-    grey = height_range_m is not None
     if without:
         mosaic, target = _local_target(tiles, cell_size_m or default_cell_size_m)
-        return ElevationSource(inputs, [mosaic], target, pool, grey=grey)
+        return ElevationSource(inputs, [mosaic], target, pool, height_range_m=height_range_m)
     mosaics = group_into_mosaics(tiles)
     # A system given for files without one has been used up unless it is a projection.
     wanted = crs
     if crs is not None and any(isinstance(tile, RasterTile) and tile.crs_was_given for tile in tiles):
         wanted = crs if not horizontal(parse_crs(crs)).is_geographic else None
     target = choose_target(mosaics, names, cell_size_m=cell_size_m, crs=wanted, default_cell_size_m=default_cell_size_m)
-    return ElevationSource(inputs, mosaics, target, pool, grey=grey)
+    return ElevationSource(inputs, mosaics, target, pool, height_range_m=height_range_m)
 
 
 def _require_one_kind(tiles: Sequence[RasterTile]) -> None:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from affine import Affine
 from rasterio.crs import CRS
-from rasterio.errors import NotGeoreferencedWarning
+from rasterio.enums import ColorInterp
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
-from swathe.errors import InvalidParameterError, OutputError, ShapeMismatchError
+from swathe.errors import InvalidParameterError, OutputError, ShapeMismatchError, UnreadableFileError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,6 +90,30 @@ def write_raster(
             ) from error
         finally:
             part.unlink(missing_ok=True)
+
+
+def read_frame(path: str | os.PathLike[str]) -> tuple[Frame, dict[int, tuple[int, int, int, int]]]:
+    """Return the frame of a raster that ``write_raster`` wrote, and the colours of its values (none without a table).
+
+    Raises UnreadableFileError when it is no raster, or none of ours.
+    """
+    import rasterio
+
+    from swathe.grid import GridGeometry
+    from swathe.io.crs import Frame
+
+    name = Path(path).name
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path) as dataset:
+                place = dataset.transform
+                geometry = GridGeometry(dataset.height, dataset.width, place.a, place.c, place.f)
+                wkt = dataset.crs.to_wkt() if dataset.crs else None
+                colours = dataset.colormap(1) if dataset.colorinterp[0] == ColorInterp.palette else {}
+    except (RasterioError, UsageError) as error:
+        raise UnreadableFileError(f"{name} cannot be read as a raster of a run.", "Make the run again.") from error
+    return Frame(geometry, wkt), {int(value): tuple(colour) for value, colour in colours.items()}
 
 
 def _checked(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swathe.errors import NoOverlapError, SoilFieldError, UnreadableFileError
-from swathe.io.sources import BUNDLED_PREFIX, Source, single
+from swathe.io.sources import BUNDLED_PREFIX, TABLE_PREFIXES, Source, single
 from swathe.soil import SoilClass, SoilEntry, SoilReport
 
 if TYPE_CHECKING:
@@ -42,7 +42,9 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     """Return the soil of the cells of ``frame`` (which may be a window of the map).
 
     ``source``: a vector (burnt at cell centres) or raster (the nearest cell), a path or http(s) address; one layer of a
-    vector is named by ``PATH|layername=NAME``; ``bundled:jacksboro`` is generated from its elevation. ``field``: the
+    vector is named by ``PATH|layername=NAME``; ``grass:...`` is a map of a GRASS location (``swathe.io.grass``) and
+    ``postgresql://...?table=SCHEMA.NAME`` a table with a geometry column (``swathe.io.table``);
+    ``bundled:jacksboro`` is generated from its elevation. ``field``: the
     attribute of a vector that names the soil; by default the one that is understood best. ``legend``: a CSV that says
     what values mean; its column ``class`` holds classes outright.
 
@@ -58,7 +60,7 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
     from swathe.io.soil_legend import read_legend
 
     meanings = None if legend is None else read_legend(legend)
-    if layer or PurePath(path.split("?")[0]).suffix.lower() in VECTOR_SUFFIXES:
+    if is_named_as_vector(file, layer):
         from swathe.io.soil_vector import burn_vector
 
         return burn_vector(file, layer or None, frame, field, meanings)
@@ -73,6 +75,12 @@ def read_soil(source: str, frame: Frame, *, field: str | None = None, legend: st
         if not is_vector(file):
             raise refusal from refusal.__cause__
         return burn_vector(file, None, frame, field, meanings)
+
+
+def is_named_as_vector(file: Source, layer: str) -> bool:
+    """Return whether a soil map is a vector by its name; ``layer`` is the one that was chosen, or empty."""
+    suffix = PurePath(file.path.split("?")[0]).suffix.lower()
+    return bool(layer) or file.path.startswith(TABLE_PREFIXES) or suffix in VECTOR_SUFFIXES
 
 
 def layer_of_values(
@@ -111,6 +119,12 @@ def layer_of_values(
 
 
 def _bundled(source: str, frame: Frame) -> SoilLayer:
+    name, numbers, names, meanings = bundled_values(source, frame)
+    return layer_of_values(name, None, numbers, names, meanings)
+
+
+def bundled_values(source: str, frame: Frame) -> tuple[str, NDArray[np.int32], list[str], list[Meaning]]:
+    """Return what generated soil is called, the number of each cell's value (-1 = none), values and meanings."""
     from swathe.io.bundled import bundled_name, bundled_soil
     from swathe.io.soil_legend import Meaning
     from swathe.io.soil_raster import nearest
@@ -125,4 +139,4 @@ def _bundled(source: str, frame: Frame) -> SoilLayer:
     numbers[[int(soil_class) for soil_class in present]] = np.arange(len(present))
     names = [soil_class.name.lower() for soil_class in present]
     meanings = [Meaning(name, soil_class, understood=True) for name, soil_class in zip(names, present, strict=True)]
-    return layer_of_values(f"{source} (generated from its elevation)", None, numbers[codes], names, meanings)
+    return f"{source} (generated from its elevation)", numbers[codes], names, meanings

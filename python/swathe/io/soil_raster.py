@@ -33,6 +33,13 @@ PROBES = 33
 
 def sample_raster(source: Source, frame: Frame, field: str | None, legend: Legend | None) -> SoilLayer:
     """Return the soil of a frame's cells from a raster. Raises as ``swathe.io.soil.read_soil``."""
+    return layer_of_values(source, None, *sample_values(source, frame, field, legend))
+
+
+def sample_values(
+    source: Source, frame: Frame, field: str | None, legend: Legend | None
+) -> tuple[NDArray[np.int32], list[str], list[Meaning]]:
+    """Return the number of the value of every cell of a frame (-1 = none), the values, and what they mean."""
     with open_dataset(source) as dataset, gdal_settings(source):
         _require_classes(source, dataset)
         if field is not None:
@@ -60,7 +67,7 @@ def sample_raster(source: Source, frame: Frame, field: str | None, legend: Legen
     indexes[known] = inverse
     sampled = nearest(indexes, transform, crs_wkt, frame, -1)
     values = [plain_value(value) for value in found.tolist()]
-    return layer_of_values(source, None, sampled, values, _meanings(values, names, legend))
+    return sampled, values, _meanings(values, names, legend)
 
 
 def nearest(codes: NDArray[Any], transform: Affine, crs_wkt: str | None, frame: Frame, outside: int) -> NDArray[Any]:

@@ -1,13 +1,16 @@
-"""What a user may name as an input: a file, a folder, a glob pattern, an http(s) address, or ``bundled:NAME``."""
+"""What a user may name as an input.
+
+A file, a folder, a glob pattern, an http(s) address, ``bundled:NAME``, ``grass:MAP``, or a table ``postgresql:...``.
+"""
 
 from __future__ import annotations
 
 import glob
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit, urlunsplit
 
 from swathe.errors import InputError, InvalidParameterError, MissingFileError, UnreadableFileError
@@ -29,19 +32,29 @@ REMOTE_SETTINGS = {
     "GDAL_HTTP_RETRY_DELAY": "1",
 }
 BUNDLED_PREFIX = "bundled:"
+GRASS_PREFIX = "grass:"
+TABLE_PREFIXES = ("postgresql://", "postgres://")
 HASH_CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One input. ``name`` is fit to be shown and kept in outputs; ``path`` is what GDAL opens."""
+    """One input. ``name`` is fit to be shown and kept in outputs; ``path`` is what GDAL opens.
+
+    ``keeper`` holds what the path needs to exist, such as a temporary file; ``sha256`` is that of what was fetched into
+    it, where the bytes of the file would differ from time to time.
+    """
 
     name: str
     path: str
     is_remote: bool = False
+    keeper: object = field(default=None, repr=False, compare=False)
+    sha256: str = ""
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of the file's bytes, or the word ``remote`` for what is not a local file."""
+        if self.sha256:
+            return self.sha256
         path = Path(self.path)
         if self.is_remote or not path.is_file():
             return "remote"
@@ -72,6 +85,17 @@ class Source:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedSource(Source):
+    """An input that was read earlier and is known by name and content alone."""
+
+    sha256: str = ""
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 that the file had."""
+        return self.sha256
+
+
 def expand(names: Sequence[str]) -> list[Source]:
     """Return every input that the given names stand for, in order, each once.
 
@@ -81,12 +105,12 @@ def expand(names: Sequence[str]) -> list[Source]:
         raise InvalidParameterError("No elevation was named.", "Give a sequence of at least one path.")
     found: dict[str, Source] = {}
     for name in names:
-        for source in _expand_one(str(name)):
+        for source in _expand_one(str(name), "raster"):
             found.setdefault(source.path, source)
     shown = [source.name for source in found.values()]
     # Files of one name in several folders are told apart by their paths.
     return [
-        source if shown.count(source.name) == 1 else Source(source.path, source.path, source.is_remote)
+        source if shown.count(source.name) == 1 or source.keeper else replace(source, name=source.path)
         for source in found.values()
     ]
 
@@ -99,7 +123,9 @@ def single(name: str) -> Source:
     return sources[0]
 
 
-def _expand_one(name: str) -> list[Source]:
+def _expand_one(name: str, kind: Literal["raster", "vector"] | None = None) -> list[Source]:
+    if name.startswith((GRASS_PREFIX, *TABLE_PREFIXES)):
+        return [_kept_elsewhere(name, kind)]
     if name.lower().startswith(("http://", "https://")):
         parts = urlsplit(name)
         # A signed address carries its password in the query: that stays out of everything we write.
@@ -107,7 +133,8 @@ def _expand_one(name: str) -> list[Source]:
         return [Source(shown, f"/vsicurl/{name}", is_remote=True)]
     if name.startswith((BUNDLED_PREFIX, "/vsi")):
         return [Source(name, name, is_remote=name.startswith("/vsi"))]
-    path = Path(name).expanduser()
+    # Not Path.expanduser, which fails on a user that does not exist.
+    path = Path(os.path.expanduser(name))  # noqa: PTH111
     if path.is_dir():
         return _folder(path)
     if path.exists():
@@ -122,6 +149,21 @@ def _expand_one(name: str) -> list[Source]:
     if ":" in name and not path.parent.is_dir():  # a GDAL name such as NETCDF:"file.nc":height
         return [Source(name, name)]
     raise MissingFileError(f"{name} does not exist.", "Check the path.")
+
+
+def _kept_elsewhere(name: str, kind: Literal["raster", "vector"] | None) -> Source:
+    """Return what another program keeps."""
+    if name.startswith(GRASS_PREFIX):
+        from swathe.io.grass import fetch, find_map
+
+        place = find_map(name, kind)
+        exported = fetch(place)
+        return Source(place.shown, str(exported.path), keeper=exported)
+    if kind == "raster":
+        raise InvalidParameterError("A table in PostgreSQL is no elevation.", "Name it as `--soil`.")
+    from swathe.io.table import table_address
+
+    return Source(table_address(name).shown, name, is_remote=True)
 
 
 def _file(path: Path) -> Source:

@@ -1,0 +1,1 @@
+COPY zone_polygons (layer_id, ordinal, name, attributes, geom) FROM STDIN (FORMAT binary)

@@ -1,0 +1,1 @@
+SELECT file_readings(%s, %s)

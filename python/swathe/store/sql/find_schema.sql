@@ -1,0 +1,1 @@
+SELECT to_regclass('swathe.schema_versions') IS NOT NULL

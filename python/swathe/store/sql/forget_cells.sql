@@ -1,0 +1,1 @@
+DELETE FROM cells WHERE region_id = %(region)s

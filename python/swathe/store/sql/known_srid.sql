@@ -1,0 +1,1 @@
+SELECT count(*) FROM spatial_ref_sys WHERE srid = %s

@@ -1,0 +1,1 @@
+LISTEN swathe_changes

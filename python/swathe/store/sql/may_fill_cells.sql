@@ -1,0 +1,1 @@
+SELECT has_table_privilege('cells', 'INSERT') AND current_setting('transaction_read_only') = 'off'

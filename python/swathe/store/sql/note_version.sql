@@ -1,0 +1,1 @@
+INSERT INTO swathe.schema_versions (version, name) VALUES (%s, %s)

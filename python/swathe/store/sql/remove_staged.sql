@@ -1,0 +1,1 @@
+DELETE FROM layers WHERE id = %s AND state = 'staged'

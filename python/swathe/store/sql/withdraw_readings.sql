@@ -1,0 +1,1 @@
+SELECT withdraw_readings(%s, %s, %s, %s, %s)
