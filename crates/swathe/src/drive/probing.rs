@@ -19,6 +19,9 @@ const WORK_PER_STEP: u64 = 20_000;
 const REST_MPS: f64 = 0.02;
 const REST_RADPS: f64 = 0.05;
 
+/// Share of the greatest saving that is as good as it.
+const NEARLY: f64 = 0.8;
+
 /// Distance from a site at which the robot is there, in metres.
 const THERE_M: f64 = 1.0;
 
@@ -162,9 +165,10 @@ impl Navigator {
             let sites = 0..plan.outlooks.len();
             let nearest = sites.min_by(|&a, &b| away_m(&plan.outlooks[a]).total_cmp(&away_m(&plan.outlooks[b])));
             let ahead = nearest.map_or(&[][..], |nearest| &plan.outlooks[nearest..]);
-            let worth = ahead.iter().filter(|outlook| outlook.saving > probe_cost);
-            // The first of those that save most.
-            let best = worth.reduce(|best, other| if other.saving > best.saving { other } else { best });
+            let most = ahead.iter().fold(0.0, |most: f64, outlook| most.max(outlook.saving));
+            // The first of those that save about as much: the sooner it is known, the less way is lost.
+            let worth = |outlook: &&Outlook| outlook.saving > probe_cost && outlook.saving >= NEARLY * most;
+            let best = ahead.iter().find(worth);
             plan.chosen = best.map(|best| (best.site, best.saving, f64::INFINITY));
         }
         let Some((site, saving, nearest_m)) = &mut plan.chosen else {
@@ -173,7 +177,9 @@ impl Navigator {
         let away_m = site.at.distance_m(at);
         let is_leaving = away_m > *nearest_m + 0.2;
         *nearest_m = nearest_m.min(away_m);
-        if away_m <= THERE_M || (is_leaving && away_m <= 0.5 * spacing_m) {
+        // The next cell may be of another soil.
+        let is_there = away_m <= THERE_M && knowledge.geometry().cell_at(at) == Some(site.cell);
+        if is_there || (is_leaving && away_m <= 0.5 * spacing_m) {
             self.probing.saving_s = Some(*saving);
             return true;
         }

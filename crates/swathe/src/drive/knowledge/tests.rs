@@ -408,12 +408,13 @@ fn a_reading_is_worth_most_where_the_way_depends_on_it() {
     // On the sand that the way crosses; not in the gravel that nobody doubts, nor on water.
     let (on_sand, on_water) = (worth(&mut knowledge, 7, 6), worth(&mut knowledge, 11, 10));
     assert!(on_sand > 1.0 && on_sand > 5.0 * on_water, "{on_sand} {on_water}");
-    // Go or no-go counts: for a vehicle that any ground carries nothing is at stake but the speed.
+    // Go or no-go counts: a vehicle that any soil carries has less to learn, but for what is no ground at all.
     let mut map = knowledge.map().clone();
     map.vehicle.measured_cone_index_kpa = Some(1.0);
     let mut light = Knowledge::new(map, knowledge.belief().clone()).unwrap();
     light.lay(at, goal);
-    assert!(worth(&mut light, 7, 6) < 0.2 * on_sand);
+    let for_light = worth(&mut light, 7, 6);
+    assert!(for_light < on_sand, "{for_light} {on_sand}");
 }
 
 #[test]
