@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 COMMANDS = (
     "demo", "plan", "nests", "figures", "report", "export", "vehicles", "doctor",
-    "import dem", "import soil", "import zones", "import readings",
+    "drive", "trials", "replay", "import dem", "import soil", "import zones", "import readings",
 )  # fmt: skip
 HEAVY = ("numpy", "rasterio", "pyogrio", "pyproj", "shapely", "matplotlib", "pydantic", "rich", "swathe._core")
 

@@ -313,6 +313,7 @@ CLASSES = {
     "TooSmallError": ("too_small", 4),
     "ReadingFileError": ("reading_file", 4),
     "SoilFieldError": ("soil_field", 4),
+    "InvalidScenarioError": ("invalid_scenario", 4),
     "InvalidVehicleError": ("invalid_vehicle", 4),
     "GrassError": ("grass", 4),
     "MissingExtraError": ("missing_extra", 4),

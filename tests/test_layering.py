@@ -69,7 +69,7 @@ def test_every_module_imports_downwards_only() -> None:
         ("grid", "def draw():\n    import matplotlib.figure", "Drawing lives in report"),
         ("mission", "import typer", "The terminal lives in cli"),
         ("grid", "from rich.progress import Progress", "The terminal lives in cli"),
-        ("grid", "import pydantic", "Validation models live in vehicle and config"),
+        ("grid", "import pydantic", "Validation models live in vehicle, config and scenario"),
     ],
 )
 def test_a_wrong_import_is_found(copy_of_package: Path, module: str, line: str, contract: str) -> None:

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import typer
 
-from swathe.cli import drives  # noqa: F401 - adds its commands
 from swathe.cli.options import (
     Agents,
     Arc,
@@ -526,3 +525,7 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
 
 
 app.add_typer(import_app, name="import")
+
+
+# Imported last, so that its commands stand behind these in the list.
+from swathe.cli import drives as _drives  # noqa: E402, F401
