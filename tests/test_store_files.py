@@ -301,6 +301,28 @@ print("read")
     assert "StoreReadOnlyError" in made.stderr
 
 
+def test_changes_that_only_the_journal_holds_are_not_left_out_in_silence(folder: Path) -> None:
+    code = f"""
+import os, stored
+from swathe.store import open_store
+open_store({str(folder)!r}).add_readings("valley", [stored.push("late", 3, 3)])
+os._exit(0)
+"""
+    assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=False).returncode == 0
+    assert (folder / "swathe.gpkg-wal").stat().st_size > 0
+    (folder / "swathe.gpkg-shm").unlink()
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    done = without_rights(
+        f"from swathe.store import open_store; print(len(open_store({str(folder)!r}).readings('valley')))"
+    )
+    assert done.stdout.strip() == "3" or "StoreReadOnlyError" in done.stderr, done.stderr
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755)
+    with open_store(folder) as store:
+        assert len(store.readings("valley")) == 3
+
+
 def limited(size: int) -> Callable[[], None]:
     """Return what lets a process write files up to a size."""
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))

@@ -470,3 +470,27 @@ def test_a_soil_without_a_class_that_is_known_is_refused(tmp_path: Path, hills: 
         legend.write_text("label,class\nxyzzy,silt\n", encoding="utf-8")
         import_soil(store, "r", str(soil), field="label", legend=str(legend))
         assert store.soil_window("r", Window(0, 0, 3, 3))[0, 0] == SoilClass.SILT
+
+
+def test_regions_are_listed_with_their_origin_and_readings_withdrawn(
+    tmp_path: Path, hills: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = tmp_path / "readings.csv"
+    csv.write_text(f"x,y,class\n{WEST + 99},{NORTH - 99},clay\n{WEST + 999},{NORTH - 99},rock\n", encoding="utf-8")
+    store = ("--store", str(tmp_path / "project"))
+    with open_store(tmp_path / "project", create=True) as opened:
+        assert commands.run_here(capsys, "regions", *store).out.endswith("has no regions yet.\n")
+        import_elevation(opened, "tal", [str(hills)], licence="dl-de/by-2-0", author="Ada")
+        import_readings(opened, "tal", str(csv), points_crs="native", author="Ada", instrument="CP-17")
+    shown = commands.run_here(capsys, "regions", *store).out
+    assert "tal: 80 x 90 cells of 30 m, WGS 84 / UTM zone 16N, 2 readings" in shown
+    assert "hills.tif, 20" in shown
+    assert "by Ada, dl-de/by-2-0" in shown
+    region = ("--region", "tal", "--reason", "worn", "--json")
+    for words, count in ((("--instrument", "CP-16"), 0), (("--instrument", "CP-17"), 2), (("--author", "Ada"), 0)):
+        answer = commands.run_here(capsys, "withdraw", *store, *region, *words).answer
+        assert (answer["withdrawn"], answer["status"]) == (count, "done" if count else "no_change")
+    (listed,) = commands.run_here(capsys, "regions", *store, "--json").answer["regions"]
+    assert listed["readings"] == 0
+    assert listed["layers"][0]["inputs"][0]["name"] == "hills.tif"
+    assert commands.run_here(capsys, "withdraw", *store, *region).code == 2

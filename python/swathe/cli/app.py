@@ -56,7 +56,7 @@ from swathe.cli.options import (
     settings_of,
     terrain_request,
 )
-from swathe.cli.store import import_app
+from swathe.cli.store import import_app, regions, withdraw
 
 app = typer.Typer(
     name="swathe",
@@ -489,3 +489,5 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
 
 
 app.add_typer(import_app, name="import")
+app.command()(regions)
+app.command()(withdraw)
