@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyogrio
 import pytest
+import rasterio
 import shapely
 from affine import Affine
 
@@ -412,7 +413,7 @@ def test_zones_of_a_store_are_not_entered(tmp_path: Path, hills: Path) -> None:
         assert [zone.attributes["label"] for zone in store.zones("r")] == ["west wall", "east wall"]
     done = commands.run(
         "plan", "--store", str(tmp_path / "project"), "--region", "r", *NATIVE, "--start", START, "--goal", GOAL,
-        "--out", str(out), "--json",
+        "--out", str(out), "--json", "--keep",
     )  # fmt: skip
     assert done.answer["status"] == "route_found", done.out
     with open_elevation([str(hills)]) as source:
@@ -423,6 +424,17 @@ def test_zones_of_a_store_are_not_entered(tmp_path: Path, hills: Path) -> None:
     line = shapely.LineString(np.column_stack([x, y]))
     assert not any(shapely.intersects(line, shapely.buffer(wall, -0.1)) for wall in walls)
     assert shapely.intersects(line, block(40, 70, 1, 3))
+    # What was found is filed.
+    with open_store(tmp_path / "project") as store, rasterio.open(out / "rank.tif") as ranks:
+        kept = store.read_window("r", f"rank of {done.answer['vehicle']}", Window(0, 0, ROWS, COLUMNS))
+        np.testing.assert_array_equal(kept, ranks.read(1))
+        (filed,) = store.routes("r")
+        nests = store.read_window("r", f"nests of {done.answer['vehicle']}", Window(0, 0, ROWS, COLUMNS))
+        assert store.changes("r")[-1].kind == "route"
+    assert nests.max() == done.answer["nest_count"]
+    way = shapely.from_wkb(filed.wkb)
+    assert shapely.hausdorff_distance(way, line) < 0.01
+    assert filed.summary["length_m"] == done.answer["length_m"]
 
 
 CHILD = """
