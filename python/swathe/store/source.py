@@ -38,7 +38,7 @@ class StoredElevation(ElevationSource):
     """
 
     def __init__(self, url: str, region: str) -> None:
-        self._url, self.region = url, region
+        self._url, self._region = url, region
         self._store: TerrainStore | None = None
         info = self.store.region(region)
         layer = info.layers.get(ELEVATION)
@@ -62,6 +62,11 @@ class StoredElevation(ElevationSource):
         self.warped = bool(details["warped"])
 
     @property
+    def region(self) -> str:
+        """The region's name."""
+        return self._region
+
+    @property
     def store(self) -> TerrainStore:
         """The store, open."""
         if self._store is None:
@@ -71,7 +76,7 @@ class StoredElevation(ElevationSource):
     @property
     def has_zones(self) -> bool:
         """Whether the region has ground that is closed to all."""
-        return ZONES in self.store.region(self.region).layers
+        return ZONES in self.store.region(self._region).layers
 
     def close(self) -> None:
         """Close the store. Reading again opens it again."""
@@ -85,11 +90,11 @@ class StoredElevation(ElevationSource):
         Raises:
             StoreBusyError: the elevation was replaced meanwhile, so that what was read before is of another map.
         """
-        heights = self.store.read_window(self.region, ELEVATION, window)
-        now = self.store.region(self.region).layers.get(ELEVATION)
+        heights = self.store.read_window(self._region, ELEVATION, window)
+        now = self.store.region(self._region).layers.get(ELEVATION)
         if now is None or now.provenance.digest != self._layer.provenance.digest:
             raise StoreBusyError(
-                f"The elevation of {self.region!r} was replaced while it was read.", "Give the command again."
+                f"The elevation of {self._region!r} was replaced while it was read.", "Give the command again."
             )
         self._pool.bytes_read += heights.nbytes
         return np.ascontiguousarray(heights, dtype=np.float32)
@@ -98,12 +103,12 @@ class StoredElevation(ElevationSource):
         self, frame: Frame, vehicle: Vehicle, params: RankParams
     ) -> tuple[SoilLayer, NDArray[np.uint8], Source, int] | None:
         """Return the soil map of a frame, the codes to rank by, its source, and how many readings the codes heed."""
-        info = self.store.region(self.region)
+        info = self.store.region(self._region)
         layer = info.layers.get(SOIL)
         if layer is None:
             return None
         found = soil_of_frame(self.store, info, frame)
-        filed = self.store.readings(self.region)
+        filed = self.store.readings(self._region)
         if not filed:
             return found, found.codes, recorded(layer)[0], 0
         judged = {"moisture_percent": params.moisture_percent, "soil_table": params.soil_table}
@@ -112,7 +117,7 @@ class StoredElevation(ElevationSource):
 
     def closed(self, frame: Frame) -> NDArray[np.bool_] | None:
         """Return which cells of a frame zones close, or None without zones."""
-        return closed_by_zones(self.store, self.store.region(self.region), frame)
+        return closed_by_zones(self.store, self.store.region(self._region), frame)
 
 
 class _StoredTile:
