@@ -194,9 +194,9 @@ def test_an_import_goes_on_where_it_stopped(store: TerrainStore, store_url: str)
 
 def test_what_was_begun_of_another_source_does_not_count(store: TerrainStore) -> None:
     store.create_region("valley", stored.frame(300, 300))
-    with store.begin_import("valley", "elevation", stored.provenance("a"), details=stored.DETAILS) as session:
-        session.write_tile(0, 0, np.ones((256, 256), dtype=np.float32))
     for other in (stored.provenance("b"), stored.provenance("a", cell_size="5.0")):
+        with store.begin_import("valley", "elevation", stored.provenance("a"), details=stored.DETAILS) as session:
+            session.write_tile(0, 0, np.ones((256, 256), dtype=np.float32))
         with store.begin_import("valley", "elevation", other, details=stored.DETAILS) as session:
             assert session.have() == frozenset()
 
@@ -284,6 +284,20 @@ def test_a_region_that_was_dropped_can_be_made_anew(store: TerrainStore) -> None
     assert set(store.region("valley").layers) == {"elevation"}
     assert store.readings("valley") == []
     assert [change.kind for change in store.changes("valley")] == ["region", "layer"]
+
+
+def test_an_import_into_a_region_that_is_dropped_meanwhile_comes_to_nothing(
+    store: TerrainStore, store_url: str
+) -> None:
+    stored.put(store, "valley", "elevation", waves(50, 20))
+    with open_store(store_url) as other, pytest.raises(StoreError):  # noqa: PT012 - what is refused, and when, may differ
+        with other.begin_import("valley", "elevation", stored.provenance("b"), details=stored.DETAILS) as session:
+            session.write_tile(0, 0, np.ones((50, 20), dtype=np.float32))
+            store.drop_region("valley")
+            store.create_region("valley", stored.frame(60, 30))
+            session.commit()
+        raise AssertionError("it was taken")
+    assert dict(store.region("valley").layers) == {}
 
 
 def test_soil_polygons_come_back_in_their_order_with_everything(store: TerrainStore) -> None:

@@ -8,12 +8,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from swathe import comparison, planner
 from swathe.config import require_swarm
+from swathe.errors import UsageError
 from swathe.export.folder import run_folder
 from swathe.io.window import bounded
 from swathe.outputs import unread_error, write, write_unread
-from swathe.planning import search
+from swathe.planning import ranks_of, search
 from swathe.preparation import Stopwatch, open_source, place_of, prepare
 from swathe.report.animation import MOST_FRAMES, frame_step
 from swathe.scenario import request_of
@@ -40,11 +43,13 @@ def plan_route(
     out: Path,
     *,
     animate: bool = False,
+    keep_as: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Plan a route, write its folder and return its summary. ``start`` and ``goal`` are in ``terrain.points_crs``.
 
-    ``animate`` adds an animation of the swarm and its arc.
+    ``animate`` adds an animation of the swarm and its arc. With ``keep_as``, the name of an author, what was found is
+    filed in the store that the ground came from.
 
     Raises:
         SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped. A negative answer is
@@ -54,6 +59,8 @@ def plan_route(
     """
     watch = Stopwatch()
     require_swarm(settings, animate=animate)
+    if keep_as is not None and terrain.store is None:
+        raise UsageError("Only a plan on a store's ground can be kept in it.", "Give `--store` and `--region`.")
     with run_folder(out) as folder:
         vehicle = load_vehicle(settings.vehicle)
         with watch.step("open"):
@@ -81,6 +88,8 @@ def plan_route(
                 if animate and answer.frames:
                     _animate(folder, ground, answer, settings, ends, watch=watch)
                 write(folder, out, ground, answer, summary, watch=watch, on_progress=on_progress)
+                if keep_as is not None:
+                    _keep(ground, answer, summary, keep_as)
     if unread is not None:
         raise unread
     return summary
@@ -190,3 +199,20 @@ def _animate(
     with watch.step("animate"):
         names = ", ".join(ground.source.names)
         animation.animate_plan(folder, ground.region, settings.swarm_params(), answer, ends, source=names)
+
+
+def _keep(ground: Ground, answer: Plan, summary: dict[str, Any], author: str) -> None:
+    """File what a plan found in the store that its ground came from."""
+    from swathe.store.results import keep_map, keep_route
+    from swathe.store.source import StoredElevation
+
+    source = ground.source
+    if not isinstance(source, StoredElevation):
+        return
+    store, region = source.store, source.region
+    keep_map(store, region, ground.frame, "rank", ranks_of(ground), summary=summary, author=author)
+    if answer.nests is not None:
+        labels = answer.nests.labels.astype(np.int32)
+        keep_map(store, region, ground.frame, "nests", labels, summary=summary, author=author)
+    if answer.route is not None and answer.route.legs:
+        keep_route(store, region, answer.route.xy_m, summary, author)
