@@ -495,6 +495,32 @@ def test_an_import_that_is_killed_at_any_moment_leaves_old_or_new_and_resumes(
 
 # Many at once
 
+
+def test_no_reader_ever_sees_a_mix(postgis_cluster: postgis.Cluster, postgis_database: str) -> None:
+    failures: list[BaseException] = []
+
+    def replace_again_and_again() -> None:
+        try:
+            with opened(postgis_cluster, postgis_database) as writer:
+                for number in range(8):
+                    seed = NEW if number % 2 == 0 else OLD
+                    import_heights(writer, "r", heights(ROWS, COLUMNS, seed), f"turn {number}")
+        except BaseException as error:  # noqa: BLE001 - handed to the test
+            failures.append(error)
+
+    with with_old(postgis_cluster, postgis_database) as reader:
+        writing = threading.Thread(target=replace_again_and_again)
+        writing.start()
+        seen = []
+        while writing.is_alive():
+            seen.append(seed_of(reader.read_window("r", "elevation", WHOLE)))
+        writing.join()
+        assert failures == []
+        assert seed_of(reader.read_window("r", "elevation", WHOLE)) == OLD
+        assert [change.subject for change in reader.changes("r")][1:] == ["elevation"] * 9
+    assert set(seen) <= {OLD, NEW}
+
+
 WRITER = """
 import sys
 from store_worlds import reading
