@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _DTYPES = ("float32", "uint8", "uint16", "int32")
 #: Tiles that are committed at once: what a killed import loses at most.
-_TILES_PER_COMMIT = 64
+TILES_PER_COMMIT = 64
 
 
 class PostgisImport(ImportSession):
@@ -73,7 +73,7 @@ class PostgisImport(ImportSession):
             self._copy.write(self._line(row, column, pixels))
             self._have.add((row, column))
             self._unsaved += 1
-            if self._unsaved >= _TILES_PER_COMMIT:
+            if self._unsaved >= TILES_PER_COMMIT:
                 self._save()
 
     def commit(self) -> None:
