@@ -194,9 +194,9 @@ def test_an_import_goes_on_where_it_stopped(store: TerrainStore, store_url: str)
 
 def test_what_was_begun_of_another_source_does_not_count(store: TerrainStore) -> None:
     store.create_region("valley", stored.frame(300, 300))
-    with store.begin_import("valley", "elevation", stored.provenance("a"), details=stored.DETAILS) as session:
-        session.write_tile(0, 0, np.ones((256, 256), dtype=np.float32))
     for other in (stored.provenance("b"), stored.provenance("a", cell_size="5.0")):
+        with store.begin_import("valley", "elevation", stored.provenance("a"), details=stored.DETAILS) as session:
+            session.write_tile(0, 0, np.ones((256, 256), dtype=np.float32))
         with store.begin_import("valley", "elevation", other, details=stored.DETAILS) as session:
             assert session.have() == frozenset()
 

@@ -24,13 +24,13 @@ from swathe.errors import (
     StoreDamagedError,
     StoreError,
     StoreFullError,
-    StoreReadOnlyError,
     StoreSchemaError,
     StoreUnavailableError,
 )
 from swathe.grid import Window
+from swathe.io.tiled_raster import write_cog
 from swathe.soil import SoilClass
-from swathe.store import StoredRoute, TerrainStore, Zone, open_store
+from swathe.store import StoredRoute, Zone, open_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -272,6 +272,7 @@ def test_a_folder_that_may_only_be_read_is_read_and_not_written(locked_folder: P
 import stored
 from swathe.errors import StoreReadOnlyError
 from swathe.grid import Window
+from swathe.io.tiled_raster import write_cog
 from swathe.store import open_store
 with open_store({str(locked_folder)!r}) as store:
     assert store.read_window("valley", "elevation", Window(1, 2, 1, 1))[0, 0] == 402
@@ -299,6 +300,28 @@ print("read")
         f"from swathe.store import open_store; open_store({str(locked_folder / 'new')!r}, create=True)"
     )
     assert "StoreReadOnlyError" in made.stderr
+
+
+def test_changes_that_only_the_journal_holds_are_not_left_out_in_silence(folder: Path) -> None:
+    code = f"""
+import os, stored
+from swathe.store import open_store
+open_store({str(folder)!r}).add_readings("valley", [stored.push("late", 3, 3)])
+os._exit(0)
+"""
+    assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=False).returncode == 0
+    assert (folder / "swathe.gpkg-wal").stat().st_size > 0
+    (folder / "swathe.gpkg-shm").unlink()
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    done = without_rights(
+        f"from swathe.store import open_store; print(len(open_store({str(folder)!r}).readings('valley')))"
+    )
+    assert done.stdout.strip() == "3" or "StoreReadOnlyError" in done.stderr, done.stderr
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755)
+    with open_store(folder) as store:
+        assert len(store.readings("valley")) == 3
 
 
 def limited(size: int) -> Callable[[], None]:
@@ -391,6 +414,26 @@ def test_a_tile_that_the_machine_lost_is_written_again(tmp_path: Path) -> None:
         assert store.read_window("valley", "elevation", Window(0, 0, 10, 10)).sum() == 100
 
 
+def test_a_cog_that_is_not_what_was_written_does_not_count(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from swathe.store import file_import
+
+    def spoilt(workbench: Path, target: Path) -> None:
+        write_cog(workbench, target)
+        content = bytearray(target.read_bytes())
+        content[-2000:-1000] = bytes(1000)
+        target.write_bytes(bytes(content))
+
+    new = np.random.default_rng(1).normal(size=HEIGHTS.shape).astype(np.float32)
+    with open_store(folder) as store:
+        with monkeypatch.context() as patch:
+            patch.setattr(file_import, "write_cog", spoilt)
+            with pytest.raises(StoreFullError, match="whole"):
+                stored.put(store, "valley", "elevation", new, "n")
+        np.testing.assert_array_equal(store.read_window("valley", "elevation", Window(0, 0, 300, 400)), HEIGHTS)
+        stored.put(store, "valley", "elevation", new, "n")
+        np.testing.assert_array_equal(store.read_window("valley", "elevation", Window(0, 0, 300, 400)), new)
+
+
 def test_a_map_that_is_replaced_under_a_reader_is_told(folder: Path) -> None:
     with open_store(folder) as reader, open_store(folder) as writer:
         many = [stored.polygon(stored.box(n % 290, n % 390, 3, 3), SoilClass.SAND) for n in range(5000)]
@@ -441,9 +484,3 @@ with open_store({str(tmp_path / "project")!r}, create=True) as store:
     assert [maker.wait() for maker in makers] == [0] * 4
     with open_store(tmp_path / "project") as store:
         assert len(store.regions()) == 4
-
-
-def test_what_is_read_only_stays_so_in_the_interface() -> None:
-    assert issubclass(StoreReadOnlyError, StoreError)
-    assert issubclass(StoreFullError, StoreError)
-    assert TerrainStore.__abstractmethods__

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyogrio
 import pytest
+import rasterio
 import shapely
 from affine import Affine
 
@@ -412,7 +413,7 @@ def test_zones_of_a_store_are_not_entered(tmp_path: Path, hills: Path) -> None:
         assert [zone.attributes["label"] for zone in store.zones("r")] == ["west wall", "east wall"]
     done = commands.run(
         "plan", "--store", str(tmp_path / "project"), "--region", "r", *NATIVE, "--start", START, "--goal", GOAL,
-        "--out", str(out), "--json",
+        "--out", str(out), "--json", "--keep",
     )  # fmt: skip
     assert done.answer["status"] == "route_found", done.out
     with open_elevation([str(hills)]) as source:
@@ -423,6 +424,17 @@ def test_zones_of_a_store_are_not_entered(tmp_path: Path, hills: Path) -> None:
     line = shapely.LineString(np.column_stack([x, y]))
     assert not any(shapely.intersects(line, shapely.buffer(wall, -0.1)) for wall in walls)
     assert shapely.intersects(line, block(40, 70, 1, 3))
+    # What was found is filed.
+    with open_store(tmp_path / "project") as store, rasterio.open(out / "rank.tif") as ranks:
+        kept = store.read_window("r", f"rank of {done.answer['vehicle']}", Window(0, 0, ROWS, COLUMNS))
+        np.testing.assert_array_equal(kept, ranks.read(1))
+        (filed,) = store.routes("r")
+        nests = store.read_window("r", f"nests of {done.answer['vehicle']}", Window(0, 0, ROWS, COLUMNS))
+        assert store.changes("r")[-1].kind == "route"
+    assert nests.max() == done.answer["nest_count"]
+    way = shapely.from_wkb(filed.wkb)
+    assert shapely.hausdorff_distance(way, line) < 0.01
+    assert filed.summary["length_m"] == done.answer["length_m"]
 
 
 CHILD = """
@@ -470,3 +482,27 @@ def test_a_soil_without_a_class_that_is_known_is_refused(tmp_path: Path, hills: 
         legend.write_text("label,class\nxyzzy,silt\n", encoding="utf-8")
         import_soil(store, "r", str(soil), field="label", legend=str(legend))
         assert store.soil_window("r", Window(0, 0, 3, 3))[0, 0] == SoilClass.SILT
+
+
+def test_regions_are_listed_with_their_origin_and_readings_withdrawn(
+    tmp_path: Path, hills: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = tmp_path / "readings.csv"
+    csv.write_text(f"x,y,class\n{WEST + 99},{NORTH - 99},clay\n{WEST + 999},{NORTH - 99},rock\n", encoding="utf-8")
+    store = ("--store", str(tmp_path / "project"))
+    with open_store(tmp_path / "project", create=True) as opened:
+        assert commands.run_here(capsys, "regions", *store).out.endswith("has no regions yet.\n")
+        import_elevation(opened, "tal", [str(hills)], licence="dl-de/by-2-0", author="Ada")
+        import_readings(opened, "tal", str(csv), points_crs="native", author="Ada", instrument="CP-17")
+    shown = commands.run_here(capsys, "regions", *store).out
+    assert "tal: 80 x 90 cells of 30 m, WGS 84 / UTM zone 16N, 2 readings" in shown
+    assert "hills.tif, 20" in shown
+    assert "by Ada, dl-de/by-2-0" in shown
+    region = ("--region", "tal", "--reason", "worn", "--json")
+    for words, count in ((("--instrument", "CP-16"), 0), (("--instrument", "CP-17"), 2), (("--author", "Ada"), 0)):
+        answer = commands.run_here(capsys, "withdraw", *store, *region, *words).answer
+        assert (answer["withdrawn"], answer["status"]) == (count, "done" if count else "no_change")
+    (listed,) = commands.run_here(capsys, "regions", *store, "--json").answer["regions"]
+    assert listed["readings"] == 0
+    assert listed["layers"][0]["inputs"][0]["name"] == "hills.tif"
+    assert commands.run_here(capsys, "withdraw", *store, *region).code == 2

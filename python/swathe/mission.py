@@ -13,7 +13,7 @@ import numpy as np
 from swathe import comparison, planner, rank
 from swathe import nest as nesting
 from swathe.config import require_swarm
-from swathe.errors import InterruptedBySignalError, UnreadableFileError
+from swathe.errors import InterruptedBySignalError, UnreadableFileError, UsageError
 from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
 from swathe.export.geojson import drivable_collection, nest_collection, route_collection
 from swathe.io.lazy import TRIES, tiles_under
@@ -48,11 +48,13 @@ def plan_route(
     out: Path,
     *,
     animate: bool = False,
+    keep_as: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Plan a route, write its folder and return its summary. ``start`` and ``goal`` are in ``terrain.points_crs``.
 
-    ``animate`` adds an animation of the swarm and its arc.
+    ``animate`` adds an animation of the swarm and its arc. With ``keep_as``, the name of an author, what was found is
+    filed in the store that the ground came from.
 
     Raises:
         SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped. A negative answer is
@@ -62,6 +64,8 @@ def plan_route(
     """
     watch = Stopwatch()
     require_swarm(settings, animate=animate)
+    if keep_as is not None and terrain.store is None:
+        raise UsageError("Only a plan on a store's ground can be kept in it.", "Give `--store` and `--region`.")
     stop = settings.stop
     headings_rad = settings.headings_rad()
     with run_folder(out) as folder:
@@ -127,6 +131,8 @@ def plan_route(
                 if animate and answer.frames:
                     _animate(folder, ground, answer, settings, (ends[0], ends[1]), watch=watch)
                 _write(folder, out, shown, answer, summary, watch=watch, on_progress=on_progress)
+                if keep_as is not None:
+                    _keep(shown, answer, summary, keep_as)
     if unread is not None:
         raise unread
     return summary
@@ -270,6 +276,23 @@ def _animate(
     with watch.step("animate"):
         names = ", ".join(ground.source.names)
         animation.animate_plan(folder, ground.region, settings.swarm_params(), answer, ends, source=names)
+
+
+def _keep(ground: Ground, answer: Plan, summary: dict[str, Any], author: str) -> None:
+    """File what a plan found in the store that its ground came from."""
+    from swathe.store.results import keep_map, keep_route
+    from swathe.store.source import StoredElevation
+
+    source = ground.source
+    if not isinstance(source, StoredElevation):
+        return
+    store, region = source.store, source.region
+    keep_map(store, region, ground.frame, "rank", _ranks(ground), summary=summary, author=author)
+    if answer.nests is not None:
+        labels = answer.nests.labels.astype(np.int32)
+        keep_map(store, region, ground.frame, "nests", labels, summary=summary, author=author)
+    if answer.route is not None and answer.route.legs:
+        keep_route(store, region, answer.route.xy_m, summary, author)
 
 
 def _unread(lazy: LazyElevation | None, answer: Plan, summary: dict[str, Any], out: Path) -> UnreadableFileError | None:

@@ -23,6 +23,7 @@ from swathe.cli.options import (
     GoalBearing,
     HeightRange,
     Json,
+    Keep,
     MaxEvaluations,
     MaxSeconds,
     MaxTicks,
@@ -53,10 +54,11 @@ from swathe.cli.options import (
     VehicleName,
     Weights,
     Width,
+    author_name,
     settings_of,
     terrain_request,
 )
-from swathe.cli.store import import_app
+from swathe.cli.store import import_app, regions, withdraw
 
 app = typer.Typer(
     name="swathe",
@@ -149,6 +151,7 @@ def plan(
     animate: Annotated[
         bool, typer.Option("--animate", help="Add an animation of termites and arc, as GIF and as HTML page.")
     ] = False,
+    keep: Keep = False,
     soil_table: SoilTable = "text",
     combine: Combine = "weighted",
     weights: Weights = None,
@@ -231,7 +234,13 @@ def plan(
     ends = say.pair("--start", start), say.pair("--goal", goal)
     with say.progress(quiet=quiet or json) as report:
         summary = mission.plan_route(
-            terrain, *ends, settings, out or Path("swathe-plan"), animate=animate, on_progress=report
+            terrain,
+            *ends,
+            settings,
+            out or Path("swathe-plan"),
+            animate=animate,
+            keep_as=author_name(None) if keep else None,
+            on_progress=report,
         )
     say.result(summary, as_json=json)
     return 0 if summary["status"] == "route_found" else 3
@@ -489,3 +498,5 @@ def doctor(json: Json = False, debug: Debug = False) -> int:  # noqa: ARG001
 
 
 app.add_typer(import_app, name="import")
+app.command()(regions)
+app.command()(withdraw)

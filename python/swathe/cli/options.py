@@ -37,6 +37,9 @@ Store = Annotated[
     ),
 ]
 RegionName = Annotated[str | None, typer.Option("--region", help="Region of the store.", rich_help_panel=GROUND)]
+Keep = Annotated[
+    bool, typer.Option("--keep", help="File route, ranks and nests in the store too.", rich_help_panel=OUTPUT)
+]
 SoilField = Annotated[
     str | None, typer.Option("--soil-field", help="Attribute of the soil map that names the soil, e.g. cat.")
 ]

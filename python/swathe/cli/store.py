@@ -1,4 +1,4 @@
-"""``swathe import``: filling a terrain store."""
+"""``swathe import``, ``regions`` and ``withdraw``: filling a terrain store and looking after it."""
 
 from __future__ import annotations
 
@@ -193,6 +193,85 @@ def readings(
         as_json=json,
         quiet=quiet,
     )
+
+
+def regions(
+    *,
+    store: Url,
+    json: Json = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """List the regions of a store, with their layers and where these come from.
+
+    Example:
+
+      swathe regions --store my-project
+    """
+    from swathe.cli import say
+    from swathe.store import open_store
+
+    listed, lines = [], []
+    with open_store(store) as opened:
+        for region in opened.regions():
+            geometry = region.frame.geometry
+            counting = len(opened.readings(region.name))
+            lines.append(
+                f"{region.name}: {geometry.rows:,} x {geometry.columns:,} cells of {geometry.cell_size_m:g} m, "
+                f"{region.frame.name}, {counting:,} readings"
+            )
+            layers = []
+            for layer in region.layers.values():
+                origin = layer.provenance
+                names = ", ".join(name for name, _ in origin.inputs)
+                licence = f", {origin.licence}" if origin.licence else ""
+                lines.append(f"  {layer.name:12} {names}, {origin.time[:10]} by {origin.author or 'nobody'}{licence}")
+                inputs = [{"name": name, "sha256": sha256} for name, sha256 in origin.inputs]
+                told = {"inputs": inputs, "licence": origin.licence, "author": origin.author, "time": origin.time}
+                layers.append({"name": layer.name, "kind": layer.kind, **told})
+            listed.append(
+                {
+                    "name": region.name,
+                    "rows": geometry.rows,
+                    "columns": geometry.columns,
+                    "cell_size_m": geometry.cell_size_m,
+                    "crs": region.frame.name,
+                    "readings": counting,
+                    "layers": layers,
+                }
+            )
+        address = opened.address
+    answer = {"status": "done", "store": address, "regions": listed}
+    say.line(answer, "\n".join(lines) or f"{address} has no regions yet.", as_json=json)
+    return 0
+
+
+def withdraw(
+    *,
+    store: Url,
+    region: Region,
+    reason: Annotated[str, typer.Option("--reason", help="Why; kept with the readings.")],
+    instrument: Annotated[str | None, typer.Option("--instrument", help="All readings of this instrument.")] = None,
+    author: Annotated[str | None, typer.Option("--author", help="All readings of this author.")] = None,
+    reading: Annotated[
+        list[str] | None, typer.Option("--reading", help="A reading by its id; may be repeated.")
+    ] = None,
+    json: Json = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> int:
+    """Let readings of a store count no more; they are kept, and what is believed of the soil follows.
+
+    Example:
+
+      swathe withdraw --instrument CP-17 --reason "the cone was worn" --store my-project --region valley
+    """
+    from swathe.cli import say
+    from swathe.store import open_store
+
+    with open_store(store) as opened:
+        gone = opened.withdraw(region, reason, instrument=instrument, author=author, ids=reading)
+    answer = {"status": "done" if gone else "no_change", "region": region, "withdrawn": gone}
+    say.line(answer, f"{gone:,} readings of {region} count no more.", as_json=json)
+    return 0
 
 
 def _filled(

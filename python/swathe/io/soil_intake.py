@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from swathe.io.crs import Frame
 
 BATCH = 10_000
+#: Features that are read at once: to begin in the middle of a file costs as much as to read up to there.
+READ_AT_ONCE = 50_000
 #: The field that says the soil is chosen by so many polygons.
 FIELD_SAMPLE = 200_000
 CATEGORY = "cat"
@@ -76,8 +78,7 @@ class PolygonSoil:
         """Yield polygons that have an area: WKB, value, its meaning, category, attributes."""
         meaning = dict(zip(self.values, self.meanings, strict=True))
         self.left_out = 0
-        for first in range(0, self.count, BATCH):
-            wkb, columns = self._near.read(None, first=first, most=BATCH)
+        for wkb, columns in read_in_batches(self._near, self.count):
             polygons, numbers = areas(self._near, wkb)
             self.left_out += len(wkb) - len(polygons)
             texts = self._texts(columns)
@@ -171,6 +172,15 @@ def open_soil(
     if field is not None:
         raise SoilFieldError(f"{file.name} is a raster and has no fields.", "Leave out `--soil-field`.")
     return RasterSoil(file, frame, meanings)
+
+
+def read_in_batches(near: Polygons, count: int) -> Iterator[tuple[NDArray[Any], dict[str, NDArray[Any]]]]:
+    """Yield the geometries of ``count`` features near a frame, and their attributes, in batches."""
+    for first in range(0, count, READ_AT_ONCE):
+        wkb, columns = near.read(None, first=first, most=READ_AT_ONCE)
+        for start in range(0, len(wkb), BATCH):
+            part = slice(start, start + BATCH)
+            yield wkb[part], {name: values[part] for name, values in columns.items()}
 
 
 def areas(near: Polygons, wkb: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import shapely
 
 from swathe.errors import NoOverlapError
-from swathe.io.soil_intake import BATCH, areas, plain
+from swathe.io.soil_intake import areas, plain, read_in_batches
 from swathe.io.soil_vector import Polygons, as_text
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ class ZonePolygons:
     def batches(self) -> Iterator[list[tuple[bytes, str, dict[str, Any]]]]:
         """Yield zones that have an area: WKB, name, attributes."""
         self.left_out = 0
-        for first in range(0, self.count, BATCH):
-            wkb, columns = self._near.read(None, first=first, most=BATCH)
+        for wkb, columns in read_in_batches(self._near, self.count):
             polygons, numbers = areas(self._near, wkb)
             self.left_out += len(wkb) - len(polygons)
             named = {name.lower(): name for name in columns}.get("name")

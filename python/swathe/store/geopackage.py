@@ -186,6 +186,8 @@ def _make(file: Path) -> None:
     try:
         connection = sqlite3.connect(part, isolation_level=None)
         try:
+            # The file remembers this, so that no two openers have to agree on it.
+            connection.execute("PRAGMA journal_mode = WAL")
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {GPKG_VERSION}")
             connection.executescript(f"BEGIN; {_TABLES} COMMIT;")
@@ -217,8 +219,7 @@ def _open(file: Path) -> tuple[sqlite3.Connection, bool]:
     address = "file:" + quote(os.fsencode(file.absolute()))
     if os.access(file, os.W_OK) and os.access(file.parent, os.W_OK):
         connection = _connection(address + "?mode=rw")
-        # One sync for each commit, and readers never wait for writers.
-        connection.execute("PRAGMA journal_mode = WAL")
+        # With the write-ahead log: one sync for each commit, and readers never wait for writers.
         connection.execute("PRAGMA synchronous = FULL")
         return connection, True
     connection = _connection(address + "?mode=ro")
@@ -226,6 +227,12 @@ def _open(file: Path) -> tuple[sqlite3.Connection, bool]:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.OperationalError:
         connection.close()
+        log = file.with_name(f"{file.name}-wal")
+        if log.is_file() and log.stat().st_size:
+            raise StoreReadOnlyError(
+                f"The last changes of the store in {file.parent} lie in {log.name}, which cannot be read there.",
+                "Open the store once where it may be written, or make the folder writable.",
+            ) from None
         # A folder that nobody may write has no room for the index of the journal, and needs none.
         connection = _connection(address + "?mode=ro&immutable=1")
     return connection, False

@@ -63,6 +63,11 @@ class StoredElevation(ElevationSource):
         self.warped = bool(details["warped"])
 
     @property
+    def region(self) -> str:
+        """The region's name."""
+        return self._region
+
+    @property
     def store(self) -> TerrainStore:
         """The store, open."""
         if self._store is None:
