@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from syrupy.assertion import SnapshotAssertion
 
-COMMANDS = ("demo", "plan", "nests", "figures", "report", "vehicles", "doctor")
+COMMANDS = ("demo", "plan", "nests", "figures", "report", "vehicles", "doctor", "regions", "withdraw", "import")
+IMPORTS = ("import dem", "import soil", "import zones", "import readings")
 HEAVY = ("numpy", "rasterio", "pyogrio", "pyproj", "shapely", "matplotlib", "pydantic", "rich", "swathe._core")
 
 # The contract of `plan --json`.
@@ -65,7 +66,7 @@ def dem(tmp_path: Path) -> Path:
     return commands.hills(tmp_path)
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS])
+@pytest.mark.parametrize("command", ["", *COMMANDS, *IMPORTS])
 def test_help_stays_as_it_is_and_gives_an_example(command: str, snapshot: SnapshotAssertion) -> None:
     finished = commands.run(*command.split(), "--help", env={"COLUMNS": "100"})
     assert (finished.code, finished.err) == (0, "")

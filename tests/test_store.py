@@ -298,6 +298,20 @@ def test_a_region_that_was_dropped_can_be_made_anew(store: TerrainStore) -> None
     assert [change.kind for change in store.changes("valley")] == ["region", "layer"]
 
 
+def test_an_import_into_a_region_that_is_dropped_meanwhile_comes_to_nothing(
+    store: TerrainStore, store_url: str
+) -> None:
+    stored.put(store, "valley", "elevation", waves(50, 20))
+    with open_store(store_url) as other, pytest.raises(StoreError):  # noqa: PT012 - what is refused, and when, may differ
+        with other.begin_import("valley", "elevation", stored.provenance("b"), details=stored.DETAILS) as session:
+            session.write_tile(0, 0, np.ones((50, 20), dtype=np.float32))
+            store.drop_region("valley")
+            store.create_region("valley", stored.frame(60, 30))
+            session.commit()
+        raise AssertionError("it was taken")
+    assert dict(store.region("valley").layers) == {}
+
+
 def test_soil_polygons_come_back_in_their_order_with_everything(store: TerrainStore) -> None:
     stored.put(store, "valley", "elevation", waves(100, 100))
     pieces = [

@@ -143,7 +143,7 @@ def test_an_import_that_is_killed_leaves_the_old_or_the_new_and_goes_on(tmp_path
     for what, killed, finished, old, new, mixture, resumed in rows[2:]:
         assert what in {"elevation", "soil"}
         assert int(killed) + int(finished) == int(old) + int(new) == int(resumed) == 12
-        assert int(killed) >= 4
+        assert int(killed) >= 2
         assert mixture == "0"
     left = {path.name for path in (tmp_path / "project").rglob("*") if path.is_file()}
     assert left - {"valley.elevation.lock", "valley.soil.lock"} == {"swathe.gpkg"} | {

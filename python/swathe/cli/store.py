@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 import_app = typer.Typer(
     name="import",
     help="Put elevation, soil, zones and readings into a store, from which plans are made.\n\n"
-    "The same source twice is no change; what was broken off goes on where it stopped.",
+    "The same source twice is no change; what was broken off goes on where it stopped.\n\n"
+    "Example:\n\n"
+    "  swathe import dem dem.tif --store my-project --region valley",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

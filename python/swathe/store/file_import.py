@@ -78,6 +78,7 @@ class FileImport(ImportSession):
             )
         self._store, self._region, self._frame, self._layer = store, region, frame, layer
         self._folder, self._lock = store.staging(region, layer.name), lock
+        self._row = store.region_row(region)
         self._bench: Workbench | None = None
         self._journal = -1
         self._checksums: dict[tuple[int, int], int] = {}
@@ -126,7 +127,7 @@ class FileImport(ImportSession):
             target.parent.mkdir(parents=True, exist_ok=True)
             made.replace(target)
             sync_folder(target.parent)
-            self._store.switch_raster(self._region, self._layer, place)
+            self._store.switch_raster(self._row, self._layer, place)
             self._end()
             shutil.rmtree(self._folder, ignore_errors=True)
         self.is_current = True

@@ -80,7 +80,7 @@ def write(store: FileStore, region: str, info: LayerInfo, batches: Iterable[list
                     "UPDATE gpkg_contents SET min_x = ?, min_y = ?, max_x = ?, max_y = ? WHERE table_name = ?",
                     (*box.tolist(), table),
                 )
-            store.switch(connection, store.region_row(region), info, table)
+            store.switch(connection, row, info, table)
     return True
 
 

@@ -448,10 +448,10 @@ class FileStore(TerrainStore):
         digest = layer.provenance.digest
         return f"{label(layer.name)}/{label(checked_name(region))}.{digest[:12]}.tif"
 
-    def switch_raster(self, region: str, layer: LayerInfo, place: str) -> None:
+    def switch_raster(self, row: tuple[Any, ...], layer: LayerInfo, place: str) -> None:
         """Let a layer be the raster at a place, and remove what it was."""
         with self.writing() as connection:
-            self.switch(connection, self._row(region), layer, place)
+            self.switch(connection, row, layer, place)
         file = self.folder / place
         own = re.compile(re.escape(file.name.split(".", maxsplit=1)[0]) + r"\.[0-9a-f]{12}\.tif")
         for other in file.parent.iterdir():
@@ -459,8 +459,14 @@ class FileStore(TerrainStore):
                 other.unlink(missing_ok=True)
 
     def switch(self, connection: sqlite3.Connection, row: tuple[Any, ...], layer: LayerInfo, place: str) -> None:
-        """Let a layer be what lies at a place, inside a transaction; tables of polygons that it was are dropped."""
+        """Let a layer be what lies at a place, inside a transaction; tables of polygons that it was are dropped.
+
+        Raises:
+            MissingRegionError: the region of that row is no more, though one of its name may be there.
+        """
         fid, stamp = row[0], now()
+        if self._row(row[1])[0] != fid:
+            raise MissingRegionError(f"The region {row[1]!r} was dropped meanwhile.", "Give the command again.")
         former = connection.execute(
             "SELECT kind, place FROM layers WHERE region = ? AND name = ?", (fid, layer.name)
         ).fetchone()
