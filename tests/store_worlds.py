@@ -10,7 +10,7 @@ import numpy as np
 from swathe.belief import PenetrometerReading
 from swathe.grid import GridGeometry
 from swathe.io.crs import Frame, parse_crs
-from swathe.store import TILE_SIZE, Provenance, StoredReading, open_store
+from swathe.store import TILE_SIZE, Provenance, StoredReading, open_store, postgis_rasters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,11 +72,22 @@ def reading(number: int, author: str = "rover", **more: Any) -> StoredReading:
 
 
 def main(url: str, region: str, rows: str, columns: str, seed: str) -> None:
-    """Import heights of a seed, as a process of its own."""
-    with open_store(url) as store:
-        sys.stdout.write("begun\n")
-        sys.stdout.flush()
-        import_heights(store, region, heights(int(rows), int(columns), int(seed)), f"seed {seed}")
+    """Import heights of a seed, as a process of its own that tells every step before it takes it."""
+    # A few tiles at a time, so that a kill finds some of them kept.
+    postgis_rasters.TILES_PER_COMMIT = 5
+    layer = heights(int(rows), int(columns), int(seed))
+    with open_store(url) as store, store.begin_import(region, "elevation", provenance(f"seed {seed}")) as session:
+        for row, column, tile in tiles(layer):
+            _tell("tile")
+            if (row, column) not in session.have():
+                session.write_tile(row, column, tile)
+        _tell("commit")
+        session.commit()
+
+
+def _tell(step: str) -> None:
+    sys.stdout.write(f"{step}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -61,6 +61,26 @@ def test_readings_and_zones_count_in_the_next_plan(
     assert any("2 readings" in note for note in planned(url, tmp_path / "out").answer["notes"])
 
 
+def test_what_a_plan_found_is_kept_for_the_next(
+    postgis_cluster: postgis.Cluster, postgis_database: str, tmp_path: Path
+) -> None:
+    url, dem = postgis_cluster.url(postgis_database), commands.hills(tmp_path)
+    assert imported(url, dem).code == 0
+    finished = planned(url, tmp_path / "out", "--vehicle", "tractor", "--keep")
+    assert finished.code == 0
+    with open_store(url) as store:
+        (route,) = store.routes("hills")
+        assert route.summary["length_m"] == finished.answer["length_m"]
+        layers = store.region("hills").layers
+        assert {"rank of tractor", "nests of tractor"} <= layers.keys()
+        ranks = store.read_window("hills", "rank of tractor", Window(0, 0, 80, 90))
+    with rasterio.open(tmp_path / "out" / "rank.tif") as source:
+        assert np.array_equal(source.read(1), ranks)
+    listed = commands.run("regions", "--store", url, "--json")
+    assert listed.code == 0
+    assert "hills" in listed.out
+
+
 def test_a_server_that_is_down_is_a_clear_end(tmp_path: Path) -> None:
     dem = commands.hills(tmp_path)
     url = f"postgresql://me@/region?host={tmp_path}"

@@ -174,6 +174,18 @@ def test_tiles_that_were_not_written_are_unknown(store: TerrainStore) -> None:
     assert (read[256:, 512:] == 3).all()
 
 
+def test_whole_tiles_may_stick_out_over_the_edge(store: TerrainStore) -> None:
+    store.create_region("valley", stored.frame(300, 310))
+    with store.begin_import("valley", "rank", stored.provenance("a"), dtype="uint8") as session:
+        for row in range(2):
+            for column in range(2):
+                session.write_tile(row, column, np.full((256, 256), 1 + row + 2 * column, dtype=np.uint8))
+        session.commit()
+    read = store.read_window("valley", "rank", Window(0, 0, 300, 310))
+    assert (read[256:, 256:] == 4).all()
+    assert (read[:256, :256] == 1).all()
+
+
 def test_an_import_goes_on_where_it_stopped(store: TerrainStore, store_url: str) -> None:
     heights = waves(600, 600)
     store.create_region("valley", stored.frame(600, 600))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from psycopg import sql
 
-from swathe.errors import InvalidParameterError, OutsideGridError
+from swathe.errors import InvalidParameterError, OutsideGridError, ShapeMismatchError
 from swathe.grid import GridGeometry, Window
 from swathe.store.interface import OVERVIEWS, TILE_SIZE, ImportSession, require_window
 from swathe.store.naming import checked_name
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _DTYPES = ("float32", "uint8", "uint16", "int32")
 #: Tiles that are committed at once: what a killed import loses at most.
-_TILES_PER_COMMIT = 64
+TILES_PER_COMMIT = 64
 
 
 class PostgisImport(ImportSession):
@@ -73,7 +73,7 @@ class PostgisImport(ImportSession):
             self._copy.write(self._line(row, column, pixels))
             self._have.add((row, column))
             self._unsaved += 1
-            if self._unsaved >= _TILES_PER_COMMIT:
+            if self._unsaved >= TILES_PER_COMMIT:
                 self._save()
 
     def commit(self) -> None:
@@ -118,11 +118,12 @@ class PostgisImport(ImportSession):
             raise InvalidParameterError("The layer is finished.", "Begin a new import.")
         if row < 0 or column < 0 or rows <= 0 or columns <= 0:
             raise OutsideGridError(f"The tile {row}, {column} is not inside the region.", "Count tiles from 0.")
-        if tile.shape != (rows, columns):
-            raise InvalidParameterError(
+        if tile.shape not in {(rows, columns), (TILE_SIZE, TILE_SIZE)}:
+            raise ShapeMismatchError(
                 f"The tile {row}, {column} has the shape {tile.shape}.", f"Give {rows} rows and {columns} columns."
             )
-        return np.ascontiguousarray(tile, dtype=self._dtype)
+        # What a whole tile has beyond the region's edge is not of the region.
+        return np.ascontiguousarray(tile[:rows, :columns], dtype=self._dtype)
 
     def _line(self, row: int, column: int, pixels: NDArray[Any]) -> bytes:
         """Return a line of COPY: there is no binary input of rasters, and hexadecimal text is what there is."""
