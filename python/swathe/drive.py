@@ -301,12 +301,7 @@ class Navigator:
         ranges, figures = None, [0.0] * 7
         if scan is not None:
             ranges, figures = _figures_of(scan)
-        probe = None
-        if reading is not None:
-            depths, indices = list(reading.depths_m), list(reading.cone_indices_kpa)
-            sleeve = getattr(reading, "sleeve_frictions_kpa", None)
-            sleeve = None if sleeve is None else list(sleeve)
-            probe = (reading.x_m, reading.y_m, depths, indices, reading.refusal_depth_m, sleeve)
+        probe = None if reading is None else _reading_row(reading)
         place = (pose.x_m, pose.y_m, pose.heading_rad, pose.pitch_rad, pose.roll_rad)
         told = self._core.step(time_s, place, (speed_mps, turn_rate_radps), ranges, figures, probe)
         return Command(told[0], told[1], cast("Status", told[2]), told[3])
@@ -343,6 +338,14 @@ class Navigator:
             UsageError: the update is not usable, or the region cannot learn; nothing is changed then.
         """
         return int(self._core.learn_soil(update.row()))
+
+    def learn_reading(self, reading: PenetrometerReading | SoilReading) -> int:
+        """Take in a reading that another vehicle has taken, as one of its own; return how many ranks have changed.
+
+        Raises:
+            UsageError: the reading is not usable, or the region cannot learn; nothing is changed then.
+        """
+        return int(self._core.learn_reading(_reading_row(reading)))
 
     @property
     def events(self) -> list[Event]:
@@ -408,6 +411,14 @@ class Navigator:
             return None
         shares, no_go = found
         return SoilAt(dict(zip(CLASSES, shares, strict=True)), no_go)
+
+
+def _reading_row(reading: PenetrometerReading | SoilReading) -> tuple[Any, ...]:
+    """Return a reading as the core takes it."""
+    sleeve = getattr(reading, "sleeve_frictions_kpa", None)
+    sleeve = None if sleeve is None else list(sleeve)
+    depths, indices = list(reading.depths_m), list(reading.cone_indices_kpa)
+    return reading.x_m, reading.y_m, depths, indices, reading.refusal_depth_m, sleeve
 
 
 def _shape(geometry: GridGeometry) -> tuple[int, int, float, float, float]:

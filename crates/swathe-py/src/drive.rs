@@ -288,6 +288,14 @@ impl Navigator {
         Ok(learnt.ranks.len())
     }
 
+    /// Takes in a reading of another vehicle; returns how many cells have another rank.
+    fn learn_reading(&mut self, py: Python<'_>, reading: ReadingRow) -> PyResult<usize> {
+        let reading = reading_of(reading);
+        let inner = &mut self.inner;
+        let learnt = py.detach(|| inner.learn_reading(&reading)).map_err(CoreError::from)?;
+        Ok(learnt.ranks.len())
+    }
+
     /// Whether the robot stands and waits for a reading.
     fn wants_probe(&self) -> bool {
         self.inner.wants_probe()

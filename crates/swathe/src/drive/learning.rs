@@ -3,6 +3,7 @@
 use crate::belief::SoilUpdate;
 use crate::grid::{GridGeometry, Layer, Position};
 use crate::nest::GridsParams;
+use crate::sensor::PenetrometerReading;
 use crate::vehicle::Vehicle;
 
 use super::event::Event;
@@ -125,6 +126,32 @@ impl Navigator {
             source: update.source.clone(),
             told_s: update.time_s,
             class: learnt.class,
+            cells_changed: learnt.ranks.len(),
+        });
+        self.follow(&learnt);
+        self.news = std::mem::replace(&mut self.events, told);
+        Ok(learnt)
+    }
+
+    /// Takes in a reading that another vehicle has taken, between steps; everything follows as from a reading of its own.
+    ///
+    /// # Errors
+    /// [`DriveError::Belief`] when the reading is not usable, [`DriveError::NoKnowledge`] when the region cannot learn.
+    pub fn learn_reading(&mut self, reading: &PenetrometerReading) -> Result<Learnt, DriveError> {
+        let at = self.place().unwrap_or(self.goal);
+        let knowledge = match (&mut self.region, &mut self.pending_region) {
+            (Some(region), _) => region.knowledge_mut(),
+            (None, Some(Source::Known(knowledge, _))) => Some(&mut **knowledge),
+            (None, _) => None,
+        };
+        let learnt = knowledge.ok_or(DriveError::NoKnowledge)?.learn(reading, at)?;
+        let told = std::mem::take(&mut self.events);
+        self.events.append(&mut self.news);
+        self.events.push(Event::ReadingTaken {
+            at: Position::new(reading.x_m, reading.y_m),
+            class: learnt.class,
+            probabilities: learnt.probabilities,
+            cone_index_kpa: learnt.cone_index_kpa,
             cells_changed: learnt.ranks.len(),
         });
         self.follow(&learnt);
