@@ -1,4 +1,7 @@
-"""Laws that hold for every terrain store, whatever keeps it."""
+"""Laws that hold for every terrain store, whatever keeps it.
+
+Why this file is long: the laws of one interface stand together, so that a new store can be held against all of them.
+"""
 
 from __future__ import annotations
 
