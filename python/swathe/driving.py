@@ -6,19 +6,21 @@ import json
 import math
 import tempfile
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swathe.drive_outputs import drive_summary, write_drive
 from swathe.episode import STATUSES
-from swathe.errors import InputError, UnreadableFileError
+from swathe.errors import InputError, UnreadableFileError, UsageError
 from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, run_folder
 from swathe.news import FedNews, LoggedNews, NewsDesk
 from swathe.preparation import Stopwatch
 from swathe.report import wording
 from swathe.runlog import LogHeader, RunLog, RunLogWriter, verify
 from swathe.scenario import Scenario, scenario_from_toml, scenario_of
+from swathe.sharing import StoreNews
 from swathe.soil_feed import SoilFeed
 from swathe.staging import stage
 
@@ -52,22 +54,31 @@ def drive(
     *,
     body: str = "sim",
     soil_feed: Path | None = None,
+    share_as: str | None = None,
     animate: bool = True,
     on_second: OnSecond | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Plan a scenario's route, drive it, write the folder and return the summary.
 
-    ``soil_feed`` is a file of JSON lines that may grow while the drive goes on. ``on_second`` is told every simulated
-    second how the drive stands.
+    ``soil_feed`` is a file of JSON lines that may grow while the drive goes on. On the ground of a store the drive
+    hears what others measure there; with ``share_as``, the name of who drives, it files its own readings and the run.
+    ``on_second`` is told every simulated second how the drive stands.
 
     Raises:
         SwatheError: the inputs cannot be used, the folder cannot be written, or the user stopped; what was driven until
             then is in the log.
     """
     watch = Stopwatch()
-    news = None if soil_feed is None else FedNews(SoilFeed(soil_feed))
-    with run_folder(out, logs=True) as folder:
+    news: NewsSource | None = None if soil_feed is None else FedNews(SoilFeed(soil_feed))
+    terrain = scenario.terrain
+    is_stored = terrain is not None and terrain.store is not None
+    if share_as is not None and not is_stored:
+        raise UsageError("Only a drive on a store's ground can share its readings.", "Give `--store` and `--region`.")
+    with ExitStack() as stack:
+        if terrain is not None and terrain.store is not None and terrain.region is not None:
+            news = stack.enter_context(StoreNews(terrain.store, terrain.region, share_as, news))
+        folder = stack.enter_context(run_folder(out, logs=True))
         made = stage(scenario, watch=watch, on_progress=on_progress)
         return _drive_into(
             folder, made, out, body, news, animate=animate, watch=watch, on_second=on_second, on_progress=on_progress
@@ -95,6 +106,8 @@ def _drive_into(
             outcome = record(made, log, body=body, news=news, on_second=on_second)
     summary = drive_summary(made, outcome, body=body, seconds=watch.seconds.get("drive", 0.0))
     write_drive(folder, out, made, summary, log, animate=animate, watch=watch, on_progress=on_progress)
+    if isinstance(news, StoreNews) and log is not None:
+        news.keep_run(log, summary)
     return summary
 
 
@@ -113,6 +126,8 @@ def record(
             second = replace(second, events=[*told, *second.events])
             time_s = second.end_s
             writer.write(second)
+            if isinstance(news, StoreNews):
+                news.file(second)
             counts.update(event.kind for event in second.events)
             if on_second is not None:
                 on_second(_live(made, second, counts))

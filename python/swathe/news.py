@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Protocol
 
+from swathe.belief import ClassReading, PenetrometerReading
 from swathe.episode import Event
 from swathe.errors import UsageError
 from swathe.soil import SoilClass
@@ -12,21 +14,27 @@ from swathe.soil_feed import SoilUpdate, parse_update
 from swathe.truth import place_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from swathe.drive import Navigator
     from swathe.soil_feed import SoilFeed
     from swathe.staging import Stage
 
+#: What is due: updates and readings of others, and what is to be told of those that cannot be used.
+Telling = tuple[list[SoilUpdate | PenetrometerReading | ClassReading], list[dict[str, Any]]]
+
+#: How far somebody's word on the soil of a place reaches.
+_WORD_RADIUS_M = 10.0
+
 #: Kinds of the events that tell of news, and of news that could not be used.
-NEWS, REFUSED = "soil_news", "soil_news_refused"
+NEWS, HEARD, REFUSED = "soil_news", "reading_heard", "soil_news_refused"
 
 
 class NewsSource(Protocol):
     """Where news comes from besides the scenario."""
 
-    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
-        """Return the updates that are due, and what is to be told of lines that could not be used."""
+    def due(self, time_s: float) -> Telling:
+        """Return what is due, and what is to be told of what could not be used."""
         ...
 
 
@@ -37,9 +45,9 @@ class FedNews:
         self._feed = feed
         self._told = 0
 
-    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
+    def due(self, time_s: float) -> Telling:
         """Return what came since the last time."""
-        updates = self._feed.due(time_s)
+        updates: list[SoilUpdate | PenetrometerReading | ClassReading] = list(self._feed.due(time_s))
         new = self._feed.refused[self._told :]
         self._told = len(self._feed.refused)
         return updates, [{"line": line, "reason": reason} for line, reason in new]
@@ -49,18 +57,37 @@ class LoggedNews:
     """News as a log tells that it came, for the same drive again."""
 
     def __init__(self, events: Sequence[Event]) -> None:
-        self._waiting = [event for event in events if event.kind in {NEWS, REFUSED} and "scenario" not in event.fields]
+        kinds = {NEWS, HEARD, REFUSED}
+        self._waiting = [event for event in events if event.kind in kinds and "scenario" not in event.fields]
 
-    def due(self, time_s: float) -> tuple[list[SoilUpdate], list[dict[str, Any]]]:
+    def due(self, time_s: float) -> Telling:
         """Return what came at that time."""
         due = [event for event in self._waiting if event.time_s <= time_s]
         self._waiting = self._waiting[len(due) :]
-        lines = [dict(event.fields) for event in due if "line" in event.fields]
-        # One that the navigator refused is refused again.
-        records = [{**event.fields} for event in due if "line" not in event.fields]
-        for record in records:
-            record.pop("reason", None)
-        return [parse_update(json.dumps(record)) for record in records], lines
+        # What the navigator refused has the fields of news, and is refused again.
+        told = [dict(event.fields) for event in due if not _NEWS_FIELDS & event.fields.keys()]
+        found = [_from_record(event.fields) for event in due if _NEWS_FIELDS & event.fields.keys()]
+        return found, told
+
+
+_NEWS_FIELDS = {"class", "probabilities", "depths_m", "soil_class"}
+
+
+def _from_record(fields: Mapping[str, Any]) -> SoilUpdate | PenetrometerReading | ClassReading:
+    if "depths_m" in fields:
+        depths_m, indices_kpa = tuple(fields["depths_m"]), tuple(fields["cone_indices_kpa"])
+        sleeve = fields.get("sleeve_frictions_kpa")
+        return PenetrometerReading(
+            fields["x_m"],
+            fields["y_m"],
+            depths_m,
+            indices_kpa,
+            fields.get("refusal_depth_m"),
+            None if sleeve is None else tuple(sleeve),
+        )
+    if "soil_class" in fields:
+        return ClassReading(fields["x_m"], fields["y_m"], SoilClass[fields["soil_class"].upper()])
+    return parse_update(json.dumps({name: value for name, value in fields.items() if name != "reason"}))
 
 
 class NewsDesk:
@@ -88,17 +115,30 @@ class NewsDesk:
             events += [self._teach(update, time_s, {}) for update in updates]
         return events
 
-    def _teach(self, update: SoilUpdate, time_s: float, more: dict[str, Any]) -> Event:
-        told = {**record_of(update), **more}
+    def _teach(
+        self, news: SoilUpdate | PenetrometerReading | ClassReading, time_s: float, more: dict[str, Any]
+    ) -> Event:
+        told = {**record_of(news), **more}
         try:
-            self._navigator.learn_soil(update)
+            if isinstance(news, PenetrometerReading):
+                self._navigator.learn_reading(news)
+                return Event(time_s, HEARD, told)
+            if isinstance(news, ClassReading):
+                disc = (news.x_m, news.y_m, _WORD_RADIUS_M)
+                self._navigator.learn_soil(SoilUpdate(time_s, disc=disc, soil_class=news.soil_class))
+                return Event(time_s, HEARD, told)
+            self._navigator.learn_soil(news)
         except UsageError as error:
             return Event(time_s, REFUSED, {**told, "reason": error.message})
         return Event(time_s, NEWS, told)
 
 
-def record_of(update: SoilUpdate) -> dict[str, Any]:
-    """Return an update as the record of a soil feed."""
+def record_of(update: SoilUpdate | PenetrometerReading | ClassReading) -> dict[str, Any]:
+    """Return an update as the record of a soil feed, a reading by its own fields."""
+    if isinstance(update, PenetrometerReading):
+        return {name: value for name, value in asdict(update).items() if value is not None}
+    if isinstance(update, ClassReading):
+        return {"x_m": update.x_m, "y_m": update.y_m, "soil_class": update.soil_class.name.lower()}
     record: dict[str, Any] = {"time_s": update.time_s}
     if update.polygon is not None:
         record["polygon"] = update.polygon

@@ -41,7 +41,9 @@ class _Part(BaseModel):
 class Terrain(_Part):
     """``[terrain]``: what the map says. The options of ``swathe plan`` have the same names."""
 
-    dem: tuple[str, ...] = Field(min_length=1)
+    dem: tuple[str, ...] = ()
+    store: str | None = None
+    region: str | None = None
     soil: str | None = None
     soil_field: str | None = None
     soil_legend: str | None = None
@@ -51,6 +53,12 @@ class Terrain(_Part):
     height_range_m: tuple[float, float] | None = None
     points_crs: str | None = None
     bounds: tuple[float, float, float, float] | None = None
+
+    @model_validator(mode="after")
+    def _names_ground(self) -> Terrain:
+        if not self.dem and self.store is None:
+            raise ValueError("name dem, or store and region")
+        return self
 
     @classmethod
     def of(cls, request: TerrainRequest) -> Terrain:

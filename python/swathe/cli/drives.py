@@ -17,9 +17,11 @@ from swathe.cli.options import (
     Out,
     PointsCrs,
     Quiet,
+    RegionName,
     Soil,
     SoilField,
     SoilLegend,
+    Store,
     Threads,
 )
 from swathe.cli.root import app
@@ -52,6 +54,12 @@ def drive(
     ] = None,
     plan: Annotated[Path | None, typer.Option("--plan", help="Folder of a plan whose route is to be driven.")] = None,
     dem: _DEM = None,
+    store: Store = None,
+    region: RegionName = None,
+    share_as: Annotated[
+        str | None,
+        typer.Option("--share-as", help="With --store: file the drive's readings and its run, under this name."),
+    ] = None,
     soil: Soil = None,
     soil_field: SoilField = None,
     soil_legend: SoilLegend = None,
@@ -151,7 +159,9 @@ def drive(
     use_threads(threads)
     changes = _changes(
         {
-            "terrain.dem": dem,
+            "terrain.dem": dem or None,
+            "terrain.store": store,
+            "terrain.region": region,
             "terrain.soil": soil,
             "terrain.soil_field": soil_field,
             "terrain.soil_legend": soil_legend,
@@ -192,6 +202,7 @@ def drive(
             out or Path("swathe-drive"),
             body=body,
             soil_feed=soil_feed,
+            share_as=share_as,
             animate=animate,
             on_second=on_second,
             on_progress=report,
@@ -217,7 +228,8 @@ def _scenario(name: str | None, plan: Path | None, changes: dict[str, Any]) -> S
         from swathe.driving import scenario_of_plan
 
         return scenario_of_plan(plan).with_changes(changes)
-    if "terrain.dem" not in changes:
+    ground = {key: changes[f"terrain.{key}"] for key in ("dem", "store", "region") if f"terrain.{key}" in changes}
+    if not ground:
         raise UsageError(
             "Nothing to drive on is named.",
             "Give `--scenario NAME`, `--plan DIR`, or `--dem FILE --start LON,LAT --goal LON,LAT`; `--list` shows the "
@@ -225,9 +237,8 @@ def _scenario(name: str | None, plan: Path | None, changes: dict[str, Any]) -> S
         )
     if not {"drive.start", "drive.goal"} <= changes.keys():
         raise UsageError("Start and goal are needed.", "Give `--start LON,LAT --goal LON,LAT`.")
-    first = {"terrain": {"dem": changes["terrain.dem"]}}
     ends = {"start": changes["drive.start"], "goal": changes["drive.goal"]}
-    return scenario_of({**first, "drive": ends}, "The drive").with_changes(changes)
+    return scenario_of({"terrain": ground, "drive": ends}, "The drive").with_changes(changes)
 
 
 @app.command()
