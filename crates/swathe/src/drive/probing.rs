@@ -19,6 +19,9 @@ const WORK_PER_STEP: u64 = 20_000;
 const REST_MPS: f64 = 0.02;
 const REST_RADPS: f64 = 0.05;
 
+/// What ground that does not carry costs at least where it is met unknown, in seconds (estimate: to free the vehicle).
+const STUCK_S: f64 = 300.0;
+
 /// Share of the greatest saving that is as good as it.
 const NEARLY: f64 = 0.8;
 
@@ -138,7 +141,8 @@ impl Navigator {
             return false;
         };
         let spacing_m = 0.5 * knowledge.belief().params().length_m;
-        let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= spacing_m;
+        // Half of what was weighed lies behind by then.
+        let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= 0.5 * REACH_M;
         if self.probing.plan.as_ref().is_none_or(is_old) {
             let sites = knowledge.probe_sites(at, spacing_m, REACH_M);
             self.probing.plan = Some(Plan {
@@ -150,7 +154,7 @@ impl Navigator {
         let Some(plan) = &mut self.probing.plan else {
             return false;
         };
-        let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
+        let dead_end_s = knowledge.route_cost().unwrap_or(0.0).max(STUCK_S);
         let mut work = 0;
         while let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
             if work >= WORK_PER_STEP {
