@@ -126,7 +126,7 @@ def test_draws_are_even_and_a_longer_draw_begins_with_a_shorter_one() -> None:
 @given(seed=st.integers(0, 2**32), count=st.integers(0, 12), clear_m=st.floats(0, 20))
 def test_hollows_are_soft_in_the_middle_and_clear_of_the_ends(seed: int, count: int, clear_m: float) -> None:
     asked = scenario(truth={"hollows": count, "hollow_m": [8, 4], "clear_m": clear_m}, seed=seed)
-    dug = hollows(asked.truth, GEOMETRY, ROUTE, seed)
+    dug = hollows(asked.truth, GEOMETRY, SAND, ROUTE, seed)
     assert len(dug) <= count
     soil = true_world(asked, GEOMETRY, FLAT, SAND, ROUTE).soil
     wet = np.zeros(GEOMETRY.shape, dtype=bool)
@@ -142,5 +142,13 @@ def test_hollows_are_soft_in_the_middle_and_clear_of_the_ends(seed: int, count: 
 
 def test_hollows_follow_from_the_seed() -> None:
     asked = scenario(truth={"hollows": 5, "hollow_m": [4, 8]}).truth
-    assert hollows(asked, GEOMETRY, ROUTE, 3) == hollows(asked, GEOMETRY, ROUTE, 3)
-    assert hollows(asked, GEOMETRY, ROUTE, 3) != hollows(asked, GEOMETRY, ROUTE, 4)
+    assert hollows(asked, GEOMETRY, SAND, ROUTE, 3) == hollows(asked, GEOMETRY, SAND, ROUTE, 3)
+    assert hollows(asked, GEOMETRY, SAND, ROUTE, 3) != hollows(asked, GEOMETRY, SAND, ROUTE, 4)
+
+
+def test_hollows_lie_on_the_soil_that_hides_them() -> None:
+    soil = SAND.copy()
+    soil[:, :40] = SoilClass.GRAVEL
+    dug = hollows(scenario(truth={"hollows": 30, "hollow_m": [4, 8]}).truth, GEOMETRY, soil, ROUTE, 1)
+    assert len(dug) > 10
+    assert all(x_m >= 140 for x_m, _, _ in dug)

@@ -169,8 +169,8 @@ class Patch(_Part):
 class TruthPart(_Part):
     """``[truth]``: how the ground differs from the map.
 
-    ``hollows`` are drawn anywhere on the map, none nearer to start and goal than ``clear_m``: discs with a radius between
-    the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of ``rim_soil``.
+    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs with a
+    radius between the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of ``rim_soil``.
     """
 
     height_error_m: Metres = 0.0
@@ -180,6 +180,7 @@ class TruthPart(_Part):
     patches: tuple[Patch, ...] = ()
     hollows: int = Field(default=0, ge=0, le=10_000)
     hollow_m: tuple[Length, Length] = (20.0, 32.0)
+    hollow_in: Soil = "sand"
     rim_soil: Soil = "silt"
     core_soil: Soil = "clay"
     clear_m: Metres = 10.0

@@ -16,7 +16,7 @@ const STRENGTHS: [f64; 3] = [-1.2247, 0.0, 1.2247];
 const LEAST_CHANCE: f64 = 1e-3;
 
 /// What an outcome must promise before the best way after it is searched, in seconds.
-const LEAST_SAVING_S: f64 = 0.1;
+const LEAST_SAVING_S: f64 = 1.0;
 
 /// Depths of the samples of a profile that is foreseen, in metres.
 const DEPTHS_M: [f64; 3] = [0.05, 0.10, 0.15];
