@@ -14,7 +14,7 @@ from swathe.grid import GridGeometry
 from swathe.random import uniform
 from swathe.scenario import Scenario, scenario_of
 from swathe.soil import SoilClass
-from swathe.truth import Route, crates, disc, true_world
+from swathe.truth import Route, crates, disc, hollows, true_world
 
 GEOMETRY = GridGeometry(60, 80, 1.0, 100.0, 260.0)
 FLAT = np.zeros(GEOMETRY.shape, dtype=np.float32)
@@ -121,3 +121,34 @@ def test_draws_are_even_and_a_longer_draw_begins_with_a_shorter_one() -> None:
     assert (abs(counts - 400) < 90).all()
     assert not np.array_equal(uniform(8, 3, 10), long[:10])
     assert not np.array_equal(uniform(7, 4, 10), long[:10])
+
+
+@given(seed=st.integers(0, 2**32), count=st.integers(0, 12), clear_m=st.floats(0, 20))
+def test_hollows_are_soft_in_the_middle_and_clear_of_the_ends(seed: int, count: int, clear_m: float) -> None:
+    asked = scenario(truth={"hollows": count, "hollow_m": [8, 4], "clear_m": clear_m}, seed=seed)
+    dug = hollows(asked.truth, GEOMETRY, SAND, ROUTE, seed)
+    assert len(dug) <= count
+    soil = true_world(asked, GEOMETRY, FLAT, SAND, ROUTE).soil
+    wet = np.zeros(GEOMETRY.shape, dtype=bool)
+    for x_m, y_m, radius_m in dug:
+        assert 4 <= radius_m <= 8
+        for end_x_m, end_y_m in ROUTE.points_m[[0, -1]]:
+            assert math.hypot(x_m - end_x_m, y_m - end_y_m) >= radius_m + clear_m
+        assert (soil[disc(GEOMETRY, x_m, y_m, radius_m / 2)] == SoilClass.CLAY).all()
+        wet |= disc(GEOMETRY, x_m, y_m, radius_m)
+    assert (np.isin(soil, [SoilClass.SILT, SoilClass.CLAY]) == wet).all()
+    assert (soil[~wet] == SoilClass.SAND).all()
+
+
+def test_hollows_follow_from_the_seed() -> None:
+    asked = scenario(truth={"hollows": 5, "hollow_m": [4, 8]}).truth
+    assert hollows(asked, GEOMETRY, SAND, ROUTE, 3) == hollows(asked, GEOMETRY, SAND, ROUTE, 3)
+    assert hollows(asked, GEOMETRY, SAND, ROUTE, 3) != hollows(asked, GEOMETRY, SAND, ROUTE, 4)
+
+
+def test_hollows_lie_on_the_soil_that_hides_them() -> None:
+    soil = SAND.copy()
+    soil[:, :40] = SoilClass.GRAVEL
+    dug = hollows(scenario(truth={"hollows": 30, "hollow_m": [4, 8]}).truth, GEOMETRY, soil, ROUTE, 1)
+    assert len(dug) > 10
+    assert all(x_m >= 140 for x_m, _, _ in dug)

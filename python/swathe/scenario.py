@@ -149,11 +149,13 @@ class ProbingPart(_Part):
 
     policy: Literal["never", "every", "where-it-matters"] = "never"
     every_m: Length = 25.0
+    above_s: Seconds = 0.0
 
     @property
     def text(self) -> str:
         """The policy as the navigator takes it."""
-        return {"every": f"every {self.every_m:g} m", "where-it-matters": "where it matters"}.get(self.policy, "never")
+        matters = "where it matters" + (f" above {self.above_s:g}" if self.above_s > 0 else "")
+        return {"every": f"every {self.every_m:g} m", "where-it-matters": matters}.get(self.policy, "never")
 
 
 class Patch(_Part):
@@ -173,13 +175,23 @@ class Patch(_Part):
 
 
 class TruthPart(_Part):
-    """``[truth]``: how the ground differs from the map."""
+    """``[truth]``: how the ground differs from the map.
+
+    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs with a
+    radius between the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of ``rim_soil``.
+    """
 
     height_error_m: Metres = 0.0
     soil_error: Share = 0.0
     patch_m: Length = 30.0
     moisture: str | None = None
     patches: tuple[Patch, ...] = ()
+    hollows: int = Field(default=0, ge=0, le=10_000)
+    hollow_m: tuple[Length, Length] = (20.0, 32.0)
+    hollow_in: Soil = "sand"
+    rim_soil: Soil = "silt"
+    core_soil: Soil = "clay"
+    clear_m: Metres = 10.0
 
 
 class Box(_Part):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from swathe.grid import GridGeometry
 
 #: Streams of draws for what stands in the world.
-_CRATES = 101
+_CRATES, _HOLLOWS = 101, 102
 _TRIES = 20
 
 
@@ -98,8 +98,13 @@ def true_world(
         )
 
     drawn = world(elevation_m, codes, TruthErrors(truth.height_error_m, truth.patch_m, truth.soil_error))
-    if truth.patches:
+    if truth.patches or truth.hollows:
         codes = drawn.soil.copy()
+        dug = hollows(truth, geometry, drawn.soil, route, seed)
+        # All rims before all cores: a hollow that reaches into another does not firm it up.
+        for share, soil_name in ((1.0, truth.rim_soil), (0.5, truth.core_soil)):
+            for x_m, y_m, radius_m in dug:
+                codes[disc(geometry, x_m, y_m, share * radius_m)] = SoilClass[soil_name.upper()]
         for patch in truth.patches:
             x_m, y_m, _ = place_of(patch, route)
             _require_inside(geometry, x_m, y_m, "A patch of soil")
@@ -107,6 +112,29 @@ def true_world(
         drawn = world(drawn.elevation_m, codes)
     _fill(drawn, scenario, geometry, route, seed)
     return drawn
+
+
+def hollows(
+    truth: plan.TruthPart, geometry: GridGeometry, soil: NDArray[np.uint8], route: Route, seed: int
+) -> list[tuple[float, float, float]]:
+    """Return east, north and radius of hollows drawn on one soil of a map, clear of a route's ends."""
+    draws = uniform(seed, _HOLLOWS, truth.hollows * _TRIES * 3).reshape(truth.hollows, _TRIES, 3)
+    least_m, most_m = sorted(truth.hollow_m)
+    ends = (route.points_m[0], route.points_m[-1])
+    found = []
+    for tries in draws:
+        for east, north, size in tries:
+            x_m = geometry.west_m + float(east) * (geometry.east_m - geometry.west_m)
+            y_m = geometry.south_m + float(north) * (geometry.north_m - geometry.south_m)
+            radius_m = least_m + float(size) * (most_m - least_m)
+            row = int((geometry.north_m - y_m) / geometry.cell_size_m)
+            column = int((x_m - geometry.west_m) / geometry.cell_size_m)
+            if soil[min(row, soil.shape[0] - 1), min(column, soil.shape[1] - 1)] != SoilClass[truth.hollow_in.upper()]:
+                continue
+            if min(math.hypot(x_m - end[0], y_m - end[1]) for end in ends) >= radius_m + truth.clear_m:
+                found.append((x_m, y_m, radius_m))
+                break
+    return found
 
 
 def disc(geometry: GridGeometry, x_m: float, y_m: float, radius_m: float) -> NDArray[np.bool_]:

@@ -183,8 +183,10 @@ impl SoilBelief {
     ///
     /// Where nothing was measured or told the map's word stands, as a plan takes it. What was measured must speak against
     /// the map before its word is left: where the class, or a better one, is no less likely than by the map alone, and
-    /// ground that does not carry is no likelier, the map's class stands, or the better one that the belief allows. Else
-    /// it is as [`Self::decide`] says: no-go above the tolerance, and the goodness that is reached with confidence.
+    /// ground that does not carry is no likelier, the map's class stands, or the better one that the belief allows. Beyond
+    /// [`Self::reach_m`] of every reading in its polygon the map's word stands as long as the polygon's mixture holds the class
+    /// or better ones for likelier than not. Else it is as [`Self::decide`] says: no-go above the tolerance, and the goodness
+    /// that is reached with confidence.
     pub fn decide_beside(&self, cell: Cell, mapped: SoilClass, going: &Going) -> Decision {
         let (mapped, drawn) = match self.word(cell) {
             None => (mapped, false),
@@ -207,8 +209,21 @@ impl SoilBelief {
             };
             return stays(by_map, carries);
         }
-        if index.is_none() {
+        let Some(class) = index else {
             return self.decide(cell, going);
+        };
+        if let Some(mixture) = self.mixture_far_off(cell) {
+            // One reading speaks for its surroundings, not for a polygon as large as the map.
+            let least = mapped.goodness(going.table);
+            let upholds =
+                |k: usize| k == class || (going.carries_by_table(k) && CLASSES[k].goodness(going.table) >= least);
+            let upheld: f64 = (0..CLASS_COUNT).filter(|&k| upholds(k)).map(|k| mixture[k]).sum();
+            if upheld > 0.5 {
+                return stays(
+                    risk(&mixture, std::array::from_fn(|k| !going.carries_by_table(k))),
+                    carries,
+                );
+            }
         }
         let (chances, prior) = (self.class_probabilities(cell), self.prior(cell));
         let fails = self.fails(cell, going);

@@ -13,6 +13,9 @@ use crate::soil::{SoilClass, SoilTable};
 /// Nearness below which a reading has no direct say any more: 9.2 lengths away.
 const LEAST_NEARNESS: f64 = 1e-4;
 
+/// Lengths within which a reading speaks against the map for itself; farther away its polygon must speak (estimate).
+const REACH_LENGTHS: f64 = 2.0;
+
 /// What the map says of a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prior {
@@ -210,6 +213,12 @@ impl SoilBelief {
     /// # Errors
     /// [`BeliefError`] when the reading is not physical, says nothing, or lies outside the map.
     pub fn add(&mut self, observation: &Observation) -> Result<Changed, BeliefError> {
+        let (unit, id) = self.place(observation)?;
+        Ok(self.refresh(unit, id))
+    }
+
+    /// Puts a reading in its place; returns its unit and number.
+    fn place(&mut self, observation: &Observation) -> Result<(usize, ReadingId), BeliefError> {
         let (at, matched) = match observation {
             Observation::Reading(reading) => (
                 Position::new(reading.x_m, reading.y_m),
@@ -227,7 +236,18 @@ impl SoilBelief {
         self.readings.push(Placed { id, unit, at, matched });
         // Sums are taken in an order that belongs to the readings and not to their coming.
         self.readings.sort_by(canonical);
-        Ok(self.refresh(unit, id))
+        Ok((unit, id))
+    }
+
+    /// The belief that would follow from an observation.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn foreseen(&self, observation: &Observation) -> Result<Self, BeliefError> {
+        let mut after = self.clone();
+        let (unit, _) = after.place(observation)?;
+        after.learn_in(unit);
+        Ok(after)
     }
 
     /// Forgets a reading.
@@ -336,9 +356,7 @@ impl SoilBelief {
 
     /// Works out anew the units that a reading in one of them touches.
     fn refresh(&mut self, unit: usize, reading: ReadingId) -> Changed {
-        let touched = self.alike(unit);
-        self.units[unit].evidence = self.evidence_of(unit);
-        self.learn_from_each_other(&touched);
+        let touched = self.learn_in(unit);
         let mut cells: Vec<u32> = touched
             .iter()
             .flat_map(|&place| &self.ground.cells[place])
@@ -347,6 +365,14 @@ impl SoilBelief {
         cells.sort_unstable();
         let units = touched.iter().map(|&place| self.ground.ids[place]).collect();
         Changed { reading, units, cells }
+    }
+
+    /// Takes the readings of a unit in; returns the units that learn from it.
+    fn learn_in(&mut self, unit: usize) -> Vec<usize> {
+        let touched = self.alike(unit);
+        self.units[unit].evidence = self.evidence_of(unit);
+        self.learn_from_each_other(&touched);
+        touched
     }
 
     /// Works out anew what units of one symbol have from their map and from each other.
@@ -496,6 +522,30 @@ impl SoilBelief {
     pub(super) fn is_told(&self, cell: Cell) -> bool {
         let unit = &self.units[self.ground.units[cell] as usize];
         unit.informed || !unit.evidence.is_empty() || unit.strength_ln.is_some()
+    }
+
+    /// The mixture of a cell's polygon with all that was read in it, where no reading is near enough to speak for the cell
+    /// itself; `None` where one is, or where something was said of all the polygon.
+    pub(super) fn mixture_far_off(&self, cell: Cell) -> Option<PerClass> {
+        let unit = &self.units[self.ground.units[cell] as usize];
+        let at = self.geometry().centre(cell);
+        let reach_m = self.reach_m();
+        let is_near = |known: &Evidence| known.at.distance_m(at) <= reach_m;
+        if self.params.rule != Rule::Bayes || unit.strength_ln.is_some() || unit.evidence.iter().any(is_near) {
+            return None;
+        }
+        let mut mixture = unit.base;
+        for known in &unit.evidence {
+            for (weight, increment) in mixture.iter_mut().zip(&known.increment) {
+                *weight += increment;
+            }
+        }
+        normalised(mixture)
+    }
+
+    /// How far from a reading it speaks against the map for itself, in metres.
+    pub fn reach_m(&self) -> f64 {
+        REACH_LENGTHS * self.params.length_m
     }
 
     /// Number of the map's polygon at a cell, 0 for none; areas drawn over the map have numbers above the map's.

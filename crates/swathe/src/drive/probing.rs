@@ -19,8 +19,8 @@ const WORK_PER_STEP: u64 = 20_000;
 const REST_MPS: f64 = 0.02;
 const REST_RADPS: f64 = 0.05;
 
-/// Share of the greatest saving that is as good as it.
-const NEARLY: f64 = 0.8;
+/// What ground that does not carry costs at least where it is met unknown, in seconds (estimate: to free the vehicle).
+const STUCK_S: f64 = 3600.0;
 
 /// Distance from a site at which the robot is there, in metres.
 const THERE_M: f64 = 1.0;
@@ -131,14 +131,15 @@ impl Navigator {
         }
     }
 
-    /// Weighs readings along the way ahead, as much in a step as is quick, and says when the robot is where the best one
+    /// Weighs readings along the way ahead, as much in a step as is quick, and says when the robot is where the first one
     /// pays.
     fn is_worth_a_reading(&mut self, at: Position, probe_cost: f64) -> bool {
         let Some(knowledge) = self.region.as_mut().and_then(RegionState::knowledge_mut) else {
             return false;
         };
         let spacing_m = 0.5 * knowledge.belief().params().length_m;
-        let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= spacing_m;
+        // Half of what was weighed lies behind by then.
+        let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= 0.5 * REACH_M;
         if self.probing.plan.as_ref().is_none_or(is_old) {
             let sites = knowledge.probe_sites(at, spacing_m, REACH_M);
             self.probing.plan = Some(Plan {
@@ -150,9 +151,16 @@ impl Navigator {
         let Some(plan) = &mut self.probing.plan else {
             return false;
         };
-        let dead_end_s = knowledge.route_cost().unwrap_or(0.0);
+        let dead_end_s = knowledge.route_cost().unwrap_or(0.0).max(STUCK_S);
         let mut work = 0;
-        while let Some(outlook) = plan.outlooks.iter_mut().find(|outlook| !outlook.is_done()) {
+        // Once one pays, those behind it are left for later.
+        let pays = |outlook: &Outlook| outlook.is_done() && outlook.saving > probe_cost;
+        while let Some(outlook) = plan
+            .outlooks
+            .iter_mut()
+            .take_while(|outlook| !pays(outlook))
+            .find(|outlook| !outlook.is_done())
+        {
             if work >= WORK_PER_STEP {
                 return false;
             }
@@ -165,10 +173,8 @@ impl Navigator {
             let sites = 0..plan.outlooks.len();
             let nearest = sites.min_by(|&a, &b| away_m(&plan.outlooks[a]).total_cmp(&away_m(&plan.outlooks[b])));
             let ahead = nearest.map_or(&[][..], |nearest| &plan.outlooks[nearest..]);
-            let most = ahead.iter().fold(0.0, |most: f64, outlook| most.max(outlook.saving));
-            // The first of those that save about as much: the sooner it is known, the less way is lost.
-            let worth = |outlook: &&Outlook| outlook.saving > probe_cost && outlook.saving >= NEARLY * most;
-            let best = ahead.iter().find(worth);
+            // The first of them: what one farther on tells comes too late for the ground before it.
+            let best = ahead.iter().find(|outlook| pays(outlook));
             plan.chosen = best.map(|best| (best.site, best.saving, f64::INFINITY));
         }
         let Some((site, saving, nearest_m)) = &mut plan.chosen else {

@@ -1,7 +1,7 @@
 //! What a reading is worth before it is taken: the saving of route cost that its outcomes promise.
 
 use crate::belief::{CLASS_COUNT, CLASSES, Observation, PerClass, SoilBelief};
-use crate::grid::{Cell, Position};
+use crate::grid::{Cell, Position, disc};
 use crate::planner::Ground;
 use crate::sensor::PenetrometerReading;
 use crate::soil::SoilClass;
@@ -14,6 +14,9 @@ const STRENGTHS: [f64; 3] = [-1.2247, 0.0, 1.2247];
 
 /// Outcomes less likely than this count for nothing.
 const LEAST_CHANCE: f64 = 1e-3;
+
+/// What an outcome must promise before the best way after it is searched, in seconds.
+const LEAST_SAVING_S: f64 = 1.0;
 
 /// Depths of the samples of a profile that is foreseen, in metres.
 const DEPTHS_M: [f64; 3] = [0.05, 0.10, 0.15];
@@ -36,6 +39,10 @@ pub struct Outlook {
     pub saving: f64,
     next: usize,
     chances: PerClass,
+    /// Cells of the way, as indices, that a reading here speaks for.
+    near: Vec<u32>,
+    /// What outcomes that were weighed make of those cells, and what they save.
+    known: Vec<(Vec<(usize, u8)>, f64)>,
 }
 
 impl Outlook {
@@ -80,17 +87,35 @@ impl Knowledge {
 
     /// Begins to weigh a reading at a site.
     pub fn outlook(&self, site: ProbeSite) -> Outlook {
+        let geometry = self.geometry();
+        let reach_m = self.belief.reach_m();
+        let near = self.way.cells.iter();
+        let near = near.filter(|&&cell| geometry.centre(cell).distance_m(site.at) <= reach_m);
         Outlook {
             site,
             saving: 0.0,
             next: 0,
             chances: self.belief.class_probabilities(site.cell),
+            near: near.map(|&cell| geometry.index(cell) as u32).collect(),
+            known: Vec::new(),
         }
     }
 
-    /// Weighs the next outcome: the class with its strength is taken to be measured, everything follows as after a real
-    /// reading, and is taken back. The present way counts with what the new ground asks for it, plus `dead_end_cost` and the
-    /// best way where it turns out closed. Codes that change nothing on the way and open nothing else cost no search.
+    /// Indices of the cells within a distance of a place.
+    fn cells_around(&self, at: Position, reach_m: f64) -> Vec<u32> {
+        let geometry = self.geometry();
+        let Some(middle) = geometry.cell_at(at) else {
+            return Vec::new();
+        };
+        let steps = disc(reach_m / geometry.cell_size_m());
+        let cells = steps.into_iter().filter_map(|step| step.from(&geometry, middle));
+        cells.map(|cell| geometry.index(cell) as u32).collect()
+    }
+
+    /// Weighs the next outcome: the class with its strength is taken to be measured, and what follows around the site as far as
+    /// a reading speaks for itself is taken back again. Where that closes the present way, knowing it saves `dead_end_cost`;
+    /// where it makes the way dearer, what the best way then saves. Outcomes that say the same of the way are worked out once,
+    /// and those that change nothing on it save nothing.
     ///
     /// Returns how many cells were looked at, so that the work can be spread over steps.
     pub fn weigh(&mut self, outlook: &mut Outlook, dead_end_cost: f64) -> u64 {
@@ -100,47 +125,48 @@ impl Knowledge {
         if chance < LEAST_CHANCE {
             return 0;
         }
-        let Some(after) = self.foreseen(outlook.site, class, STRENGTHS[strength]) else {
+        let Some(belief) = self.foreseen(outlook.site, class, STRENGTHS[strength]) else {
             return 0;
         };
-        let (belief, cells) = after;
-        let recoded = self.recoded(&belief, &cells);
-        let mut work = cells.len() as u64;
+        let recoded = self.recoded(&belief, &outlook.near);
+        let mut work = outlook.near.len() as u64;
         if recoded.is_empty() {
             return work;
         }
-        let way = self.way.cells.clone();
-        let before = self.way.cost;
+        if let Some((_, saving)) = outlook.known.iter().find(|(codes, _)| *codes == recoded) {
+            outlook.saving += chance * saving;
+            return work;
+        }
         let done = self.apply(&recoded);
+        let way = std::mem::take(&mut self.way.cells);
         let (kept, open) = self.with_ground(|ground| cost_along(ground, &way));
-        let is_spoiled = !open || way.is_empty() || before.is_none_or(|before| (kept - before).abs() > 1e-9 * before);
-        let is_better = done.gained > 0 || done.ranks.iter().any(|&(_, before, after)| after > before) || is_spoiled;
-        if is_better {
-            let kept_way = self.way.shown();
+        self.way.cells = way;
+        self.apply(&done.codes);
+        work += 2 * done.touched.len() as u64;
+        let before = self.way.cost.unwrap_or(kept);
+        let mut saving = if open { (kept - before).max(0.0) } else { dead_end_cost };
+        // No way is cheaper on worse ground than the best on the ground as it is: more than this is not saved.
+        if open && chance * saving > LEAST_SAVING_S {
+            let around = self.cells_around(outlook.site.at, self.belief.reach_m());
+            let recoded = self.recoded(&belief, &around);
+            let shown = self.way.shown();
+            let done = self.apply(&recoded);
             let best = self.find(&done.touched).cost_after;
-            outlook.saving += chance
-                * match best {
-                    Some(best) if open && !way.is_empty() => (kept - best).max(0.0),
-                    // Closed on the way; or there was no way, and the reading may open one.
-                    _ if !way.is_empty() || best.is_some() => dead_end_cost,
-                    _ => 0.0,
-                };
-            work += self.way.work();
+            work += around.len() as u64 + self.way.work();
             let undone = self.apply(&done.codes);
             self.find(&undone.touched);
             work += self.way.work();
             // Of ways that cost the same the one that was shown stays.
-            self.way.show(kept_way);
-        } else {
-            self.apply(&done.codes);
+            self.way.show(shown);
+            saving = best.map_or(dead_end_cost, |best| (kept - best).clamp(0.0, saving));
         }
-        work + 2 * done.touched.len() as u64
+        outlook.known.push((recoded, saving));
+        outlook.saving += chance * saving;
+        work
     }
-
-    /// The belief after a reading of a class that is some standard deviations stronger than is expected of it today, and
-    /// the cells it touches.
-    fn foreseen(&self, site: ProbeSite, class: usize, deviations: f64) -> Option<(SoilBelief, Vec<u32>)> {
-        let mut belief = self.belief.clone();
+    /// The belief after a reading of a class that is some standard deviations stronger than is expected of it today.
+    fn foreseen(&self, site: ProbeSite, class: usize, deviations: f64) -> Option<SoilBelief> {
+        let belief = &self.belief;
         let at = site.at;
         let reading = |cone_indices_kpa: Vec<f64>, refusal_depth_m| {
             Observation::Reading(PenetrometerReading {
@@ -166,8 +192,7 @@ impl Knowledge {
             (None, SoilClass::Rock) => reading(Vec::new(), Some(0.5 * DEPTHS_M[0])),
             (None, class) => Observation::Class { at, class },
         };
-        let changed = belief.add(&observation).ok()?;
-        Some((belief, changed.cells))
+        belief.foreseen(&observation).ok()
     }
 
     fn with_ground<T>(&mut self, work: impl FnOnce(&Ground) -> T) -> T {
