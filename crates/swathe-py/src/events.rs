@@ -32,6 +32,7 @@ fn recovery_fields(fields: &Bound<PyDict>, recovery: Recovery) -> PyResult<()> {
             fields.set_item("recovery", "back_off")?;
             fields.set_item("left_m", left_m)?;
         }
+        Recovery::Thread => fields.set_item("recovery", "thread")?,
         Recovery::FollowWall { from, on_left } => {
             fields.set_item("recovery", "follow_wall")?;
             fields.set_item("on_left", on_left)?;

@@ -168,6 +168,8 @@ pub enum Recovery {
         /// What is left, in metres.
         left_m: f64,
     },
+    /// Searches a way for the footprint itself, where the circle around it finds none, and drives it.
+    Thread,
     /// Drives along a wall until the straight line to the goal is met again nearer to it; the last before giving up.
     FollowWall {
         /// Where it began.

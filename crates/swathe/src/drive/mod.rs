@@ -6,6 +6,7 @@
 
 mod attitude;
 mod event;
+mod follow;
 mod knowledge;
 mod learning;
 mod memory;
@@ -21,6 +22,7 @@ mod sense;
 mod steer;
 #[cfg(test)]
 mod tests;
+mod thread;
 mod wall;
 mod watch;
 

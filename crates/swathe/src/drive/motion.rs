@@ -4,7 +4,8 @@ use crate::grid::Position;
 use crate::nest::Navigability;
 use crate::sensor::{Pose, Scan, wrap};
 
-use super::event::Event;
+use super::event::{Event, Recovery};
+use super::follow::THREAD_MARGIN_M;
 use super::navigator::Navigator;
 use super::params::REST_MPS;
 use super::region::RegionState;
@@ -62,7 +63,9 @@ impl Navigator {
     pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
         // What stands is known to half a cell at worst.
         let half_m = 0.5 * self.grid.params().cell_size_m;
-        let rest_m = if self.squeezes_from.is_some() {
+        let rest_m = if self.recovery == Some(Recovery::Thread) {
+            THREAD_MARGIN_M
+        } else if self.squeezes_from.is_some() {
             half_m
         } else {
             self.params.margin_m.max(half_m)
@@ -219,7 +222,7 @@ impl Navigator {
     }
 
     /// Metres along an arc before the middle of the robot would come onto ground that the map forbids.
-    fn allowed_m(&self, pose: &Pose, curvature_per_m: f64, forward: bool, reach_m: f64) -> f64 {
+    pub(super) fn allowed_m(&self, pose: &Pose, curvature_per_m: f64, forward: bool, reach_m: f64) -> f64 {
         let Some(region) = self.region.as_ref() else {
             return reach_m;
         };
@@ -237,7 +240,7 @@ impl Navigator {
 
     /// Braking on the slope that the robot stands on: what it does on the level as long as its wheels hold, as the planner and the
     /// simulated body have it.
-    fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
+    pub(super) fn braking_mps2(&self, pose: &Pose, forward: bool) -> f64 {
         let uphill = if forward { pose.pitch_rad } else { -pose.pitch_rad };
         let grip = self.shape.braking_friction * uphill.cos() + uphill.sin();
         self.shape.braking_mps2.min(crate::vehicle::GRAVITY_MPS2 * grip)

@@ -7,6 +7,7 @@ use crate::sensor::{PenetrometerReading, Pose, Scan, wrap};
 use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
+use super::follow::Thread;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
 use super::params::{DriveError, DriveParams, Shape};
@@ -16,6 +17,7 @@ use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
+use super::thread::Met;
 use super::wall::Walk;
 use super::watch::Watch;
 
@@ -62,6 +64,9 @@ pub struct Navigator {
     pub(super) watch: Watch,
     pub(super) recovery: Option<Recovery>,
     pub(super) walk: Walk,
+    /// Where things were met, for ways of the footprint itself.
+    pub(super) met: Met,
+    pub(super) thread: Thread,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -138,6 +143,8 @@ impl Navigator {
             watch: Watch::default(),
             recovery: None,
             walk: Walk::default(),
+            met: Met::new(),
+            thread: Thread::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -296,7 +303,7 @@ impl Navigator {
         let aim = self.aim();
         if self.params.memory {
             self.lay_route(at, aim);
-            if let Some((status, reason)) = self.no_way(at) {
+            if let Some((status, reason)) = self.no_way(seen.time_s, at) {
                 return stand(status, reason);
             }
         }
@@ -349,6 +356,7 @@ impl Navigator {
             self.events.push(Event::PoseJump { distance_m: moved_m });
             self.grid.clear();
             self.memory.clear();
+            self.met.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();
@@ -364,6 +372,7 @@ impl Navigator {
         self.watch.restart();
         self.recovery = None;
         self.walk = Walk::default();
+        self.thread = Thread::default();
         self.attempts = 0;
         self.all_attempts = 0;
         self.trap_at = None;

@@ -6,6 +6,7 @@ use crate::grid::Position;
 use crate::sensor::wrap;
 
 use super::event::{Event, Reason, Recovery, Status};
+use super::follow::Threaded;
 use super::memory::Seen;
 use super::motion::{Now, ROLLS_MPS, TURN_LOOK_RAD};
 use super::navigator::Navigator;
@@ -55,7 +56,7 @@ impl Navigator {
     }
 
     /// What follows when the route is closed: a larger window, a look around, or the answer that there is no way.
-    pub(super) fn no_way(&mut self, at: Position) -> Option<(Status, Reason)> {
+    pub(super) fn no_way(&mut self, time_s: f64, at: Position) -> Option<(Status, Reason)> {
         let window = self.window.as_ref()?;
         let reason = match window.standing {
             Standing::Pending | Standing::Found => return None,
@@ -64,7 +65,9 @@ impl Navigator {
         };
         if matches!(
             self.recovery,
-            Some(Recovery::TurnInPlace { .. } | Recovery::BackOff { .. } | Recovery::FollowWall { .. })
+            Some(
+                Recovery::TurnInPlace { .. } | Recovery::BackOff { .. } | Recovery::Thread | Recovery::FollowWall { .. }
+            )
         ) {
             return None;
         }
@@ -74,6 +77,11 @@ impl Navigator {
         if self.params.recover && !self.looked_around && self.shape.turns_in_place() {
             self.looked_around = true;
             self.begin(Recovery::TurnInPlace { left_rad: TAU }, at);
+            return None;
+        }
+        if self.params.recover && self.may_thread(time_s) {
+            let recovery = self.begin_thread(at);
+            self.begin(recovery, at);
             return None;
         }
         if self.params.recover && self.squeezes_from.is_none() {
@@ -132,6 +140,15 @@ impl Navigator {
                 }
                 self.finish();
             }
+            Some(Recovery::Thread) => match self.thread_on(now) {
+                Threaded::On(wanted) => return Some((wanted, Status::Recovering, Reason::Trapped)),
+                Threaded::Done => {
+                    self.attempts = 0;
+                    self.trap_at = None;
+                    self.finish();
+                }
+                Threaded::Lost => self.finish(),
+            },
             Some(Recovery::FollowWall { from, on_left }) => match self.along_wall(now, from, on_left) {
                 Along::On(wanted) => return Some((wanted, Status::Recovering, Reason::Trapped)),
                 Along::Left => {
@@ -209,7 +226,12 @@ impl Navigator {
         }
         if matches!(reason, Reason::Bumped | Reason::Slipping) {
             self.stamp_ahead(now);
+            self.feel_ahead(now);
             return self.begin(backs, at);
+        }
+        if self.attempts >= 2 && self.may_thread(now.time_s) {
+            let recovery = self.begin_thread(at);
+            return self.begin(recovery, at);
         }
         if self.attempts % 4 == 3 && self.window.as_ref().is_some_and(|window| !window.goal_inside) {
             self.grow();
@@ -268,6 +290,14 @@ impl Navigator {
             }
             self.events.push(Event::Stamped { at: place });
         }
+    }
+
+    /// Remembers what the nose has run into.
+    fn feel_ahead(&mut self, now: &Now) {
+        let ahead_m = self.shape.half_length_m + 0.5 * self.grid.params().cell_size_m;
+        let (sin, cos) = now.pose.heading_rad.sin_cos();
+        let (x_m, y_m) = (now.pose.x_m + cos * ahead_m, now.pose.y_m + sin * ahead_m);
+        self.met.insert(self.grid.cell_of(x_m, y_m), (x_m, y_m));
     }
 
     /// Turns on; `None` when done or no longer possible.

@@ -143,6 +143,15 @@ impl Navigator {
     fn remember(&mut self) {
         let mut before = None;
         for &(row, column) in self.grid.changed() {
+            match self.grid.certainty_of((row, column)) {
+                Some(certainty) if certainty >= SURE => {
+                    self.met.insert((row, column), self.grid.met_at((row, column)));
+                }
+                Some(certainty) if certainty < GONE => {
+                    self.met.remove(&(row, column));
+                }
+                _ => {}
+            }
             let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
             // Beams cross the cells of one memory cell one after the other.
             if before == Some(cell) {

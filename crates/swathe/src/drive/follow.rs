@@ -1,0 +1,223 @@
+//! Along a way of the footprint, leg by leg, each step of it as safe as any other.
+
+use crate::grid::Position;
+use crate::sensor::wrap;
+
+use super::event::Recovery;
+use super::motion::{Now, ROLLS_MPS, TURN_LOOK_RAD};
+use super::navigator::Navigator;
+use super::params::REST_MPS;
+use super::safety::Sight;
+use super::thread::{Leg, Search, Threading, on_run};
+
+/// Distance kept from obstacles on such a way at rest, in metres.
+pub(super) const THREAD_MARGIN_M: f64 = 0.03;
+
+/// Share of the greatest speed on such a way.
+const SHARE: f64 = 0.4;
+
+/// A heading that is off by less is that of the leg; a place by less, its end.
+const TURNED_RAD: f64 = 0.03;
+const THERE_M: f64 = 0.02;
+
+/// Seconds without a step forward after which another way is searched, and how often in a row.
+const BLOCKED_S: f64 = 1.5;
+const MOST_SEARCHES: u32 = 6;
+
+/// Seconds after which a search that found nothing is worth another.
+const AGAIN_S: f64 = 4.0;
+
+/// A way of the footprint that is being searched or driven.
+#[derive(Debug, Default)]
+pub(super) struct Thread {
+    search: Option<Box<Search>>,
+    legs: Vec<Leg>,
+    leg: usize,
+    tight: bool,
+    blocked_since_s: Option<f64>,
+    searches: u32,
+    failed_s: Option<f64>,
+    /// Where it began, and after how many metres the usual way is tried again: longer each time.
+    from: Option<Position>,
+    leave_m: f64,
+}
+
+/// What a step on such a way says.
+pub(super) enum Threaded {
+    On((f64, f64)),
+    Done,
+    Lost,
+}
+
+impl Navigator {
+    /// Whether a way of the footprint may be searched: not again right after nothing was found.
+    pub(super) fn may_thread(&self, time_s: f64) -> bool {
+        self.params.memory && self.thread.failed_s.is_none_or(|failed| time_s - failed > AGAIN_S)
+    }
+
+    /// The recovery that searches and drives one.
+    pub(super) fn begin_thread(&mut self, at: Position) -> Recovery {
+        let least_m = (6.0 * self.shape.radius_m).max(3.0);
+        let leave_m = if self.thread.leave_m > 0.0 { 2.0 * self.thread.leave_m } else { least_m };
+        self.thread = Thread {
+            from: Some(at),
+            leave_m,
+            failed_s: self.thread.failed_s,
+            ..Thread::default()
+        };
+        Recovery::Thread
+    }
+
+    /// Searches on, or drives on.
+    pub(super) fn thread_on(&mut self, now: &Now) -> Threaded {
+        if self.thread.search.is_some() || self.thread.leg >= self.thread.legs.len() {
+            return self.search_on(now);
+        }
+        let at = now.at();
+        let left_behind = self.thread.from.is_some_and(|from| from.distance_m(at) > self.thread.leave_m);
+        let is_open = self.window.as_ref().is_some_and(|window| window.is_open(at) && !window.way.is_empty());
+        if left_behind && is_open {
+            return Threaded::Done;
+        }
+        let wanted = self.on_leg(now);
+        if wanted == (0.0, 0.0) && now.speed_mps.abs() < ROLLS_MPS {
+            let since_s = *self.thread.blocked_since_s.get_or_insert(now.time_s);
+            if now.time_s - since_s > BLOCKED_S {
+                self.thread.legs.clear();
+                self.thread.blocked_since_s = None;
+            }
+        } else {
+            self.thread.blocked_since_s = None;
+        }
+        Threaded::On(wanted)
+    }
+
+    fn search_on(&mut self, now: &Now) -> Threaded {
+        if now.speed_mps.abs() > REST_MPS {
+            return Threaded::On((0.0, 0.0));
+        }
+        if self.thread.search.is_none() {
+            if self.thread.searches >= MOST_SEARCHES {
+                self.thread.failed_s = Some(now.time_s);
+                return Threaded::Lost;
+            }
+            self.thread.searches += 1;
+            self.thread.legs.clear();
+            // What is nearer than remembered is known better now.
+            let half = self.grid.side_cells() as i64 / 2;
+            let middle = self.grid.cell_of(now.pose.x_m, now.pose.y_m);
+            let (grid, met) = (&self.grid, &mut self.met);
+            grid.each_sure(middle, half, super::sense::SURE, |cell| {
+                met.insert(cell, grid.met_at(cell));
+            });
+            let near_goal_m = 0.7 * self.params.arrival_m;
+            self.thread.search = Some(Box::new(Search::new(
+                (&self.met, &self.memory),
+                &self.shape,
+                self.grid.params().cell_size_m,
+                &now.pose,
+                (now.aim, near_goal_m),
+                self.thread.tight,
+            )));
+            return Threaded::On((0.0, 0.0));
+        }
+        let Some(search) = &mut self.thread.search else {
+            return Threaded::Lost;
+        };
+        match search.go_on() {
+            Threading::On => Threaded::On((0.0, 0.0)),
+            Threading::Found(legs) => {
+                self.thread.search = None;
+                self.thread.legs = legs;
+                self.thread.leg = 0;
+                if self.thread.legs.is_empty() { Threaded::Done } else { Threaded::On((0.0, 0.0)) }
+            }
+            Threading::Nothing if !self.thread.tight => {
+                self.thread.search = None;
+                self.thread.tight = true;
+                Threaded::On((0.0, 0.0))
+            }
+            Threading::Nothing => {
+                self.thread.search = None;
+                self.thread.failed_s = Some(now.time_s);
+                Threaded::Lost
+            }
+        }
+    }
+
+    fn on_leg(&mut self, now: &Now) -> (f64, f64) {
+        while let Some(&leg) = self.thread.legs.get(self.thread.leg) {
+            let wanted = match leg {
+                Leg::Turn { to_rad } => self.turn_to(now, to_rad),
+                Leg::Run { from, curvature_per_m, length_m } => self.run(now, from, curvature_per_m, length_m),
+            };
+            match wanted {
+                Some(wanted) => return wanted,
+                None => self.thread.leg += 1,
+            }
+        }
+        (0.0, 0.0)
+    }
+
+    /// Turns to a heading; `None` when it is turned.
+    fn turn_to(&self, now: &Now, to_rad: f64) -> Option<(f64, f64)> {
+        let off_rad = wrap(to_rad - now.pose.heading_rad);
+        if off_rad.abs() < TURNED_RAD {
+            return None;
+        }
+        if now.speed_mps.abs() > ROLLS_MPS {
+            return Some((0.0, 0.0));
+        }
+        let free_rad = self
+            .around
+            .turn_rad(&self.shape, off_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD))
+            .abs();
+        if free_rad < 0.03_f64.min(off_rad.abs()) {
+            return Some((0.0, 0.0));
+        }
+        let most = (0.6 * self.shape.max_turn_rate_radps).min(self.turn_rate_within(free_rad, now)).max(0.05);
+        Some((0.0, (2.0 * off_rad).clamp(-most, most)))
+    }
+
+    /// Drives an arc; `None` at its end.
+    fn run(&self, now: &Now, from: (f64, f64, f64), curvature: f64, length_m: f64) -> Option<(f64, f64)> {
+        let shape = &self.shape;
+        let backs = length_m < 0.0;
+        let (along_m, left_m, off_rad) = on_run(&now.pose, from, curvature, backs);
+        let rest_m = length_m.abs() - along_m;
+        if rest_m < THERE_M {
+            return None;
+        }
+        let within_m = (0.6 * shape.radius_m).max(0.25);
+        let side = if backs { -1.0 } else { 1.0 };
+        let steered = curvature + side * 2.0 * off_rad / within_m - left_m / (within_m * within_m);
+        let tightest = if shape.turns_in_place() {
+            1.0 / within_m
+        } else {
+            1.0 / shape.turn_radius_m
+        };
+        let steered = steered.clamp(-tightest, tightest);
+        let braking_mps2 = self.braking_mps2(&now.pose, !backs);
+        let goes_on = matches!(self.thread.legs.get(self.thread.leg + 1),
+            Some(Leg::Run { length_m: next_m, .. }) if next_m * length_m > 0.0);
+        let sight = Sight {
+            grid: &self.grid,
+            pose: &now.pose,
+            scan: now.scan,
+        };
+        let reach_m = shape.stopping_m(now.speed_mps.abs().max(self.last_command.speed_mps.abs()) + 0.2) + 0.5;
+        let free_m = self.around.free_m(shape, steered, !backs, reach_m, |ahead_m, aside_m| {
+            sight.has(ahead_m, aside_m)
+        });
+        let free_m = free_m.min(self.allowed_m(&now.pose, steered, !backs, reach_m));
+        let delay_s = now.age_s + now.step_s.min(0.5);
+        let mut speed_mps = (SHARE * shape.max_speed_mps).min(shape.speed_for(free_m, braking_mps2, delay_s));
+        if !goes_on {
+            speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
+        }
+        if free_m <= 0.0 || speed_mps < 0.01 {
+            return Some((0.0, 0.0));
+        }
+        Some((side * speed_mps, side * speed_mps * steered))
+    }
+}
