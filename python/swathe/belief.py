@@ -17,6 +17,7 @@ import numpy as np
 
 from swathe import _core
 from swathe.errors import InvalidParameterError, MissingFileError, ShapeMismatchError, UnreadableFileError
+from swathe.grid import as_codes
 from swathe.soil import SoilClass
 from swathe.vehicle import Vehicle, load_vehicle
 
@@ -454,6 +455,23 @@ class SoilBelief:
         """Return the soil codes of all cells: a soil layer for ``swathe.rank.Region``."""
         codes: NDArray[np.uint8] = self._core.decisions()[0]
         return codes
+
+    def soil_beside(self, mapped: ArrayLike) -> NDArray[np.uint8]:
+        """Return the soil codes of all cells beside those of a map, as a drive that learns has them.
+
+        Where nothing was measured the map's word stands; what was measured must speak against it before it is left.
+        ``mapped``: (rows, columns) codes of ``swathe.soil.SoilClass``.
+
+        Raises:
+            ShapeMismatchError: the map has other cells.
+        """
+        codes = as_codes(mapped, "soil map")
+        if codes.shape != self.geometry.shape:
+            raise ShapeMismatchError(
+                f"The soil map has the shape {codes.shape}, the belief {self.geometry.shape}.", "Give the same cells."
+            )
+        found: NDArray[np.uint8] = self._core.codes_beside(codes)
+        return found
 
     def no_go(self) -> NDArray[np.bool_]:
         """Return whether each cell is too likely not to carry the vehicle."""

@@ -36,6 +36,7 @@ class TerrainRequest:
         memory_limit_bytes: most memory that may be used; None takes what is free.
         store: address of a terrain store that holds elevation and soil, in the place of ``dem`` and ``soil``.
         region: the region of the store.
+        revision: the revision up to which its readings count; all of them when None.
     """
 
     dem: tuple[str, ...] = ()
@@ -51,6 +52,7 @@ class TerrainRequest:
     memory_limit_bytes: int | None = None
     store: str | None = None
     region: str | None = None
+    revision: int | None = None
 
     def __post_init__(self) -> None:
         if self.store is None and self.region is None:

@@ -77,7 +77,10 @@ def drive(
         raise UsageError("Only a drive on a store's ground can share its readings.", "Give `--store` and `--region`.")
     with ExitStack() as stack:
         if terrain is not None and terrain.store is not None and terrain.region is not None:
-            news = stack.enter_context(StoreNews(terrain.store, terrain.region, share_as, news))
+            shared = stack.enter_context(StoreNews(terrain.store, terrain.region, share_as, news))
+            news = shared
+            # What was filed until now counts in the plan, what comes later is news; the log says which.
+            scenario = scenario.with_changes({"terrain.revision": shared.revision})
         folder = stack.enter_context(run_folder(out, logs=True))
         made = stage(scenario, watch=watch, on_progress=on_progress)
         return _drive_into(

@@ -11,6 +11,7 @@ from swathe.episode import Event
 from swathe.errors import UsageError
 from swathe.soil import SoilClass
 from swathe.soil_feed import SoilUpdate, parse_update
+from swathe.staging import WORD_RADIUS_M
 from swathe.truth import place_of
 
 if TYPE_CHECKING:
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
 #: What is due: updates and readings of others, and what is to be told of those that cannot be used.
 Telling = tuple[list[SoilUpdate | PenetrometerReading | ClassReading], list[dict[str, Any]]]
-
-#: How far somebody's word on the soil of a place reaches.
-_WORD_RADIUS_M = 10.0
 
 #: Kinds of the events that tell of news, and of news that could not be used.
 NEWS, HEARD, REFUSED = "soil_news", "reading_heard", "soil_news_refused"
@@ -124,7 +122,7 @@ class NewsDesk:
                 self._navigator.learn_reading(news)
                 return Event(time_s, HEARD, told)
             if isinstance(news, ClassReading):
-                disc = (news.x_m, news.y_m, _WORD_RADIUS_M)
+                disc = (news.x_m, news.y_m, WORD_RADIUS_M)
                 self._navigator.learn_soil(SoilUpdate(time_s, disc=disc, soil_class=news.soil_class))
                 return Event(time_s, HEARD, told)
             self._navigator.learn_soil(news)

@@ -105,7 +105,7 @@ def prepare_ground(terrain: TerrainRequest, settings: Settings, *, on_progress: 
 def open_source(terrain: TerrainRequest) -> ElevationSource:
     """Open the elevation that was asked for, in files or in a store; nothing is read yet."""
     if terrain.store is not None and terrain.region is not None:
-        return StoredElevation(terrain.store, terrain.region)
+        return StoredElevation(terrain.store, terrain.region, terrain.revision)
     return open_elevation(
         terrain.dem,
         cell_size_m=terrain.cell_size_m,

@@ -44,6 +44,7 @@ class Terrain(_Part):
     dem: tuple[str, ...] = ()
     store: str | None = None
     region: str | None = None
+    revision: int | None = Field(default=None, ge=0)
     soil: str | None = None
     soil_field: str | None = None
     soil_legend: str | None = None
@@ -177,8 +178,9 @@ class Patch(_Part):
 class TruthPart(_Part):
     """``[truth]``: how the ground differs from the map.
 
-    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs with a
-    radius between the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of ``rim_soil``.
+    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs with
+    a radius between the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of
+    ``rim_soil``.
     """
 
     height_error_m: Metres = 0.0

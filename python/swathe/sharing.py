@@ -28,7 +28,7 @@ class StoreNews:
     """
 
     def __init__(self, url: str, region: str, author: str | None, beside: NewsSource | None = None) -> None:
-        """Open a store; with an ``author`` the drive's own readings are filed.
+        """Open a store and listen from now on (``revision``); with an ``author`` the drive's own readings are filed.
 
         Raises:
             StoreError: the store or the region is not there.
@@ -37,7 +37,8 @@ class StoreNews:
         self._region, self._author, self._beside = region, author, beside
         self._filed: set[str] = set()
         self._untold: list[dict[str, Any]] = []
-        self._heard = max((change.revision for change in self._store.changes(region)), default=0)
+        self.revision = max((change.revision for change in self._store.changes(region)), default=0)
+        self._heard = self.revision
         self._subscription = self._store.subscribe(region, since=self._heard)
 
     def __enter__(self) -> Self:

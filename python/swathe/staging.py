@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swathe import sim
-from swathe.belief import BeliefParams
+from swathe.belief import BeliefParams, PenetrometerReading
 from swathe.drive import DriveParams, Navigator, Region
 from swathe.episode import Episode, EpisodeParams
 from swathe.planning import Found, search
 from swathe.preparation import open_source
 from swathe.sensor import Pose
+from swathe.soil_feed import SoilUpdate
+from swathe.store.source import StoredElevation
 from swathe.summary import inputs_of
 from swathe.truth import Route, true_world
 from swathe.vehicle import load_vehicle, vehicle_names
@@ -27,9 +29,13 @@ if TYPE_CHECKING:
     from swathe.grid import Position
     from swathe.preparation import Stopwatch
     from swathe.scenario import Scenario
+    from swathe.store.source import SoilLearning
     from swathe.vehicle import Vehicle
 
     OnProgress = Callable[[str, int, int], bool]
+
+#: How far somebody's word on the soil of a place reaches.
+WORD_RADIUS_M = 10.0
 
 #: A drive may take this many times the time of its route, and at least so many seconds.
 _PATIENCE, _LEAST_LIMIT_S = 6.0, 300.0
@@ -63,6 +69,7 @@ class Stage:
         goal: where it is to go.
         route: what things are placed along.
         vehicle_toml: the vehicle's file, empty for a bundled one.
+        learning: the soil of a store's ground before anything was learnt there, and all that was read since.
     """
 
     scenario: Scenario
@@ -73,6 +80,7 @@ class Stage:
     start: Pose
     goal: Position
     route: Route
+    learning: SoilLearning | None = None
 
     @property
     def inputs(self) -> dict[str, str]:
@@ -131,6 +139,12 @@ class Stage:
         )
         goal = (self.goal.x_m, self.goal.y_m)
         navigator = Navigator(self.vehicle, goal, region=self._region(), params=how, seed=scenario.seed)
+        for reading in () if self.learning is None else self.learning.readings:
+            if isinstance(reading, PenetrometerReading):
+                navigator.learn_reading(reading)
+            else:
+                disc = (reading.x_m, reading.y_m, WORD_RADIUS_M)
+                navigator.learn_soil(SoilUpdate(disc=disc, soil_class=reading.soil_class))
         limits = EpisodeParams(time_limit_s=self.time_limit_s, records=records)
         return Episode(self.world, robot, navigator, params=limits), navigator
 
@@ -138,8 +152,13 @@ class Stage:
         """Return what the map knows, ready to learn; None without a map."""
         if self.found is None:
             return None
-        rule = self.scenario.drive.soil_rule
-        return Region.of(self.found.shown.region, belief=BeliefParams(rule=rule), grids=self.scenario.drive.grids)
+        region, grids = self.found.shown.region, self.scenario.drive.grids
+        belief = BeliefParams(rule=self.scenario.drive.soil_rule)
+        if self.learning is None:
+            return Region.of(region, belief=belief, grids=grids)
+        learning = self.learning
+        unread = replace(region, soil=learning.codes)
+        return Region.of(unread, belief=belief, grids=grids, layer=learning.layer, units=learning.units)
 
 
 def stage(
@@ -165,8 +184,11 @@ def stage(
     ends = (scenario.drive.start or (0.0, 0.0), scenario.drive.goal or (0.0, 0.0))
     with watch.step("open"):
         source = open_source(terrain)
+    learning = None
     with source:
         found = search(source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress)
+        if isinstance(source, StoredElevation):
+            learning = source.learning(found.shown.frame)
     planned = found.answer.route
     if planned is None or not planned.legs:
         start, goal = found.ends
@@ -179,9 +201,10 @@ def stage(
         heading_rad = math.radians(90 - scenario.drive.start_bearing_deg)
     ground = found.shown.region
     with watch.step("world"):
-        world = true_world(scenario, ground.geometry, ground.elevation_m, ground.soil, route)
+        soil = ground.soil if learning is None else learning.codes
+        world = true_world(scenario, ground.geometry, ground.elevation_m, soil, route)
     goal = found.answer.goal[0] if found.answer.goal is not None else found.ends[1]
-    return Stage(scenario, vehicle, toml, found, world, Pose(first[0], first[1], heading_rad), goal, route)
+    return Stage(scenario, vehicle, toml, found, world, Pose(first[0], first[1], heading_rad), goal, route, learning)
 
 
 def _vehicle(name: str, toml: str | None) -> tuple[Vehicle, str]:

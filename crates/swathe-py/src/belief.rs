@@ -113,6 +113,24 @@ impl SoilBelief {
         Ok((array(py, grid, codes.into_data())?, array(py, grid, no_go.into_data())?))
     }
 
+    /// Soil codes of all cells beside those of a map.
+    fn codes_beside<'py>(
+        &self,
+        py: Python<'py>,
+        mapped: PyReadonlyArray2<'py, u8>,
+    ) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        let data = values(&mapped)?.to_vec();
+        // The lock is not held without the interpreter.
+        let (belief, going) = {
+            let inner = self.inner();
+            (inner.belief.clone(), inner.going)
+        };
+        let grid = belief.geometry();
+        let mapped = Layer::new(grid, data, "the mapped soil").map_err(CoreError::from)?;
+        let codes = py.detach(|| belief.codes_beside(&mapped, &going));
+        array(py, grid, codes.into_data())
+    }
+
     /// (expected saving, chances, savings) of a reading at a cell; `price` takes cells and codes and gives both prices.
     fn probe_value(
         &self,

@@ -12,7 +12,7 @@ from swathe.store.soil import soil_units
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swathe.belief import BeliefParams
+    from swathe.belief import BeliefParams, ClassReading, PenetrometerReading
     from swathe.io.crs import Frame
     from swathe.store.interface import RegionInfo, StoredReading, TerrainStore
     from swathe.vehicle import Vehicle
@@ -57,11 +57,22 @@ def belief_of_frame(
     """Return the belief of a frame inside the region by the readings inside it."""
     layer, units = soil_units(store, info, frame)
     found = SoilBelief(frame.geometry, layer, units, vehicle, **judged)
-    # Sums of the same numbers in another order differ in the last digit: the order of filing must not matter.
-    for stored in sorted(readings, key=_order):
-        if frame.geometry.cell_at(Position(stored.reading.x_m, stored.reading.y_m)) is not None:
-            found.add(stored.reading)
+    for reading in in_order(readings, frame):
+        found.add(reading)
     return found
+
+
+def in_order(readings: Sequence[StoredReading], frame: Frame) -> tuple[PenetrometerReading | ClassReading, ...]:
+    """Return the readings inside a frame.
+
+    Sums of the same numbers in another order differ in the last digit, so the order is not that of filing.
+    """
+    inside = [
+        stored.reading
+        for stored in sorted(readings, key=_order)
+        if frame.geometry.cell_at(Position(stored.reading.x_m, stored.reading.y_m)) is not None
+    ]
+    return tuple(inside)
 
 
 def _order(stored: StoredReading) -> tuple[float, float, str, str]:

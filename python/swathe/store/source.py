@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,12 +17,15 @@ from swathe.io.target import Target
 from swathe.io.tile import DatasetPool
 from swathe.store import open_store
 from swathe.store.interface import ELEVATION, SOIL, ZONES
-from swathe.store.shared_belief import belief_of_frame
-from swathe.store.soil import closed_by_zones, soil_of_frame
+from swathe.store.shared_belief import belief_of_frame, in_order
+from swathe.store.soil import closed_by_zones, soil_of_frame, soil_units
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
+    from swathe.belief import ClassReading, PenetrometerReading, Unit
     from swathe.io.crs import Frame
     from swathe.io.soil import SoilLayer
     from swathe.io.sources import Source
@@ -31,6 +35,23 @@ if TYPE_CHECKING:
     from swathe.vehicle import Vehicle
 
 
+@dataclass(frozen=True, eq=False)
+class SoilLearning:
+    """The soil of a frame before anything was learnt, and what was read there since.
+
+    Attributes:
+        codes: the map's class of each cell.
+        layer: number of the soil polygon of each cell, 0 for none.
+        units: the polygons by number.
+        readings: all that count, in an order that does not depend on who filed first.
+    """
+
+    codes: NDArray[np.uint8]
+    layer: NDArray[np.uint32]
+    units: Mapping[int, Unit]
+    readings: tuple[PenetrometerReading | ClassReading, ...]
+
+
 class StoredElevation(ElevationSource):
     """The elevation of a region, as ``swathe.io.elevation.open_elevation`` gave it when it was imported.
 
@@ -38,8 +59,9 @@ class StoredElevation(ElevationSource):
     is needed.
     """
 
-    def __init__(self, url: str, region: str) -> None:
-        self._url, self._region = url, region
+    def __init__(self, url: str, region: str, revision: int | None = None) -> None:
+        """Open a region; readings filed after ``revision`` do not count."""
+        self._url, self._region, self._revision = url, region, revision
         self._store: TerrainStore | None = None
         info = self.store.region(region)
         layer = info.layers.get(ELEVATION)
@@ -124,12 +146,21 @@ class StoredElevation(ElevationSource):
         found = cells.soil if cells is not None else None
         if found is None:
             found = soil_of_frame(self.store, info, frame)
-        filed = self.store.readings(self._region)
+        filed = self.store.readings(self._region, until=self._revision)
         if not filed:
             return found, found.codes, recorded(layer)[0], 0
         judged = {"moisture_percent": params.moisture_percent, "soil_table": params.soil_table}
         believed = belief_of_frame(self.store, info, frame, filed, vehicle, **judged)
-        return found, believed.soil(), recorded(layer)[0], len(filed)
+        return found, believed.soil_beside(found.codes), recorded(layer)[0], len(filed)
+
+    def learning(self, frame: Frame) -> SoilLearning | None:
+        """Return what a drive on a frame needs to go on learning its soil; None without a soil map."""
+        info = self.store.region(self._region)
+        if SOIL not in info.layers:
+            return None
+        layer, units = soil_units(self.store, info, frame)
+        filed = in_order(self.store.readings(self._region, until=self._revision), frame)
+        return SoilLearning(soil_of_frame(self.store, info, frame).codes, layer, units, filed)
 
     def closed(self, frame: Frame) -> NDArray[np.bool_] | None:
         """Return which cells of a frame zones close, or None without zones."""

@@ -249,6 +249,21 @@ impl SoilBelief {
         }
     }
 
+    /// Soil codes to rank by, beside a map: [`Self::decide_beside`] of every cell, rows in parallel.
+    pub fn codes_beside(&self, mapped: &Layer<u8>, going: &Going) -> Layer<u8> {
+        let geometry = self.geometry();
+        let mut codes = Layer::filled(geometry, 0_u8);
+        let rows = codes.data_mut().par_chunks_mut(geometry.columns()).enumerate();
+        rows.for_each(|(row, codes)| {
+            for (column, code) in codes.iter_mut().enumerate() {
+                let cell = Cell::new(row, column);
+                let class = SoilClass::from_code(mapped[cell]).unwrap_or(SoilClass::Unknown);
+                *code = self.decide_beside(cell, class, going).code as u8;
+            }
+        });
+        codes
+    }
+
     /// What a vehicle may count on at every cell, rows in parallel.
     pub fn decide_all(&self, going: &Going) -> Decisions {
         let geometry = self.geometry();
