@@ -150,7 +150,7 @@ class ProbingPart(_Part):
 
     policy: Literal["never", "every", "where-it-matters"] = "never"
     every_m: Length = 25.0
-    above_s: Seconds = 0.0
+    above_s: Seconds = 15.0
 
     @property
     def text(self) -> str:
@@ -178,9 +178,8 @@ class Patch(_Part):
 class TruthPart(_Part):
     """``[truth]``: how the ground differs from the map.
 
-    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs with
-    a radius between the two of ``hollow_m``, in the inner half (of the radius) of ``core_soil``, around it of
-    ``rim_soil``.
+    ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs
+    with a radius between the two of ``hollow_m``, in the inner half of ``core_soil``, around it of ``rim_soil``.
     """
 
     height_error_m: Metres = 0.0

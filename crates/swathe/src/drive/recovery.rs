@@ -10,6 +10,7 @@ use super::follow::Threaded;
 use super::memory::Seen;
 use super::motion::{Now, ROLLS_MPS, TURN_LOOK_RAD};
 use super::navigator::Navigator;
+use super::region::RegionState;
 use super::route::Standing;
 use super::safety::Sight;
 use super::wall::Along;
@@ -33,6 +34,10 @@ impl Navigator {
     /// Looks at the ground under the robot: no-go ground is left for the nearest safe nest, or the drive ends.
     pub(super) fn own_ground(&mut self, at: Position) -> Option<Reason> {
         let region = self.region.as_mut()?;
+        region.note(at);
+        if region.leaving_no_go && matches!(self.recovery, Some(Recovery::BackOff { .. })) {
+            return None;
+        }
         if let Some(Recovery::Retreat { to }) = self.recovery {
             if region.rank(at) != Some(1) && at.distance_m(to) <= self.params.arrival_m.max(self.shape.radius_m) {
                 region.leaving_no_go = false;
@@ -44,6 +49,20 @@ impl Navigator {
             return None;
         }
         if region.rank(at) != Some(1) {
+            if std::mem::take(&mut region.leaving_no_go) {
+                self.window = None;
+                self.watch.restart();
+                self.lay_global(at);
+            }
+            return None;
+        }
+        // Back over ground that has carried it first; what is nearest may lie beyond the worst.
+        if !region.leaving_no_go
+            && let Some(left_m) = region.way_back_m(at)
+        {
+            region.leaving_no_go = true;
+            self.window = None;
+            self.begin(Recovery::BackOff { left_m }, at);
             return None;
         }
         let Some(to) = region.retreat(at) else {
@@ -342,6 +361,24 @@ impl Navigator {
         } else {
             1.0 / self.shape.turn_radius_m
         };
+        if let Some(behind) = self
+            .region
+            .as_ref()
+            .filter(|region| region.leaving_no_go)
+            .and_then(RegionState::trail_end)
+        {
+            // The arc through that place.
+            let (sin, cos) = now.pose.heading_rad.sin_cos();
+            let (east_m, north_m) = (behind.x_m - at.x_m, behind.y_m - at.y_m);
+            let aside_m = cos * north_m - sin * east_m;
+            let most = if bend > 0.0 {
+                bend
+            } else {
+                1.0 / self.shape.radius_m.max(0.1)
+            };
+            let curvature = (2.0 * aside_m / (east_m.hypot(north_m).powi(2)).max(0.01)).clamp(-most, most);
+            return self.back_along(now, curvature, left_m);
+        }
         let curvatures = [-off_rad.signum() * bend, 0.0, off_rad.signum() * bend];
         let sight = Sight {
             grid: &self.grid,
@@ -356,6 +393,11 @@ impl Navigator {
             .into_iter()
             .find(|&curvature| free_m(curvature) >= (0.5 * left_m).min(1.0))
             .unwrap_or(0.0);
+        self.back_along(now, curvature, left_m)
+    }
+
+    /// Backs off along an arc; `None` where that is not safe.
+    fn back_along(&mut self, now: &Now, curvature: f64, left_m: f64) -> Option<(f64, f64)> {
         let safe_mps = self.safe_mps(now, curvature, false).min(self.careful_mps());
         if safe_mps < 0.02 {
             return None;

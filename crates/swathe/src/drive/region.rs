@@ -1,5 +1,7 @@
 //! What the map says while driving: ranks, nests of the overlapping grids, elevation and the global route.
 
+use std::collections::VecDeque;
+
 use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCodes};
 use crate::sensor::Pose;
@@ -27,6 +29,9 @@ const SLOPE_DIRECTIONS: usize = 96;
 
 /// How far a safe nest is looked for, in metres.
 const RETREAT_M: f64 = 60.0;
+
+/// How far behind itself a robot looks that backs off along its trail, in metres.
+const TRAIL_AIM_M: f64 = 3.0;
 
 /// The map that a navigator may be given.
 #[derive(Clone, Debug)]
@@ -95,6 +100,8 @@ pub(super) struct RegionState {
     radius_m: f64,
     /// Whether no-go ground may be crossed, to leave it.
     pub leaving_no_go: bool,
+    /// Places that the robot came by, the latest last: ground that has carried it.
+    trail: VecDeque<Position>,
 }
 
 impl RegionState {
@@ -108,6 +115,7 @@ impl RegionState {
             outside: params.outside_nests,
             radius_m: vehicle.circumscribed_radius_m(),
             leaving_no_go: false,
+            trail: VecDeque::new(),
             source,
         })
     }
@@ -128,6 +136,40 @@ impl RegionState {
         let moved = self.grids.recentre(at, &RankCodes(self.source.ranks().view()));
         debug_assert!(moved.is_ok());
         self.grids.navigable(at, pose.heading_rad, &self.footprint)
+    }
+
+    /// Takes in where the robot is: its trail grows as it drives, and is taken back as it backs off along it.
+    pub fn note(&mut self, at: Position) {
+        if self.leaving_no_go {
+            while self.trail.len() > 1 && self.trail[self.trail.len() - 1].distance_m(at) < TRAIL_AIM_M {
+                self.trail.pop_back();
+            }
+            return;
+        }
+        if self.trail.back().is_none_or(|last| last.distance_m(at) >= 1.0) {
+            self.trail.push_back(at);
+        }
+        if self.trail.len() as f64 > RETREAT_M {
+            self.trail.pop_front();
+        }
+    }
+
+    /// The place on the trail that a robot which backs off along it steers to.
+    pub fn trail_end(&self) -> Option<Position> {
+        self.trail.back().copied()
+    }
+
+    /// How far back along the trail the ground is a nest again, and a little farther.
+    pub fn way_back_m(&self, at: Position) -> Option<f64> {
+        let (mut way_m, mut last) = (0.0, at);
+        for &place in self.trail.iter().rev() {
+            way_m += last.distance_m(place);
+            last = place;
+            if self.in_nest(place) && self.rank(place).is_some_and(|rank| rank != 1) {
+                return Some(way_m + self.radius_m);
+            }
+        }
+        None
     }
 
     /// Rank at a place; `None` outside the map.

@@ -53,7 +53,7 @@ impl Outlook {
 }
 
 impl Knowledge {
-    /// Sites along the way from a place on: every `spacing_m` metres up to `reach_m`, none within a spacing of a reading.
+    /// Sites along the way from a place on: every `spacing_m` metres up to `reach_m`, none within three quarters of that of a reading.
     pub fn probe_sites(&self, at: Position, spacing_m: f64, reach_m: f64) -> Vec<ProbeSite> {
         let geometry = self.geometry();
         let places = self.route();
@@ -72,7 +72,7 @@ impl Knowledge {
                 };
                 let site = before.towards(place, share);
                 due_m += spacing_m;
-                let is_near = |known: Position| known.distance_m(site) < spacing_m;
+                let is_near = |known: Position| known.distance_m(site) < 0.75 * spacing_m;
                 if let Some(cell) = geometry.cell_at(site)
                     && !self.belief.readings().any(|(_, known, _)| is_near(known))
                 {
