@@ -374,6 +374,8 @@ def figures(
         list[str] | None,
         typer.Option("--dem", help="Elevation, as with `swathe plan`. [default: bundled:jacksboro with its soil]"),
     ] = None,
+    store: Store = None,
+    region: RegionName = None,
     soil: Soil = None,
     soil_field: SoilField = None,
     soil_legend: SoilLegend = None,
@@ -408,6 +410,8 @@ def figures(
 
     terrain = terrain_request(
         dem=dem,
+        store=store,
+        region=region,
         soil=soil,
         soil_field=soil_field,
         soil_legend=soil_legend,

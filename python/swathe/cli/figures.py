@@ -27,7 +27,7 @@ def draw(
     quiet: bool,
 ) -> int:
     """Draw the figures, of the bundled terrain when none is given, and print where they are."""
-    if not terrain.dem:
+    if not terrain.dem and terrain.store is None:
         terrain = replace(terrain, dem=(_BUNDLED,), soil=terrain.soil or _BUNDLED)
         ends = ends or (_OVER_THE_RIDGES if terrain.points_crs is None else None)
     with say.progress(quiet=quiet or as_json) as report:
