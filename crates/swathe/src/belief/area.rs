@@ -2,7 +2,8 @@
 
 use std::cmp::Ordering;
 
-use super::posterior::{certain, prior_of};
+use super::posterior::certain;
+use super::prior::prior_of;
 use super::{BeliefError, BeliefParams, PerClass, Prior, Rule, Unit, class_index};
 use crate::grid::{Cell, GridGeometry, Position};
 use crate::soil::SoilClass;

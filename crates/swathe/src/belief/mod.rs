@@ -8,6 +8,7 @@
 mod area;
 mod decision;
 mod posterior;
+mod prior;
 mod probe;
 mod profile;
 mod table;
@@ -22,7 +23,8 @@ use crate::soil::{SoilClass, SoilError};
 
 pub use area::{Extent, SoilUpdate, Word};
 pub use decision::{Decision, Decisions, Going};
-pub use posterior::{Changed, Observation, Prior, ReadingId, SoilBelief, Unit};
+pub use posterior::{Changed, Observation, ReadingId, SoilBelief};
+pub use prior::{Prior, Unit};
 pub use probe::{ProbePolicy, ProbeValue, RoutePrices, next_probe, probe_value};
 pub use profile::{Features, Match, match_class, match_profile};
 pub use table::{SoilType, SoilTypes, Spread};

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::area::{Extent, SoilUpdate, Word};
+use super::prior::{Prior, Unit, prior_of};
 use super::{
     BeliefError, BeliefParams, CLASS_COUNT, CLASSES, Match, PerClass, Rule, class_index, match_class, match_profile,
 };
@@ -15,26 +16,6 @@ const LEAST_NEARNESS: f64 = 1e-4;
 
 /// Lengths within which a reading speaks against the map for itself; farther away its polygon must speak (estimate).
 const REACH_LENGTHS: f64 = 2.0;
-
-/// What the map says of a unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Prior {
-    /// It is of a class, or unknown.
-    Class(SoilClass),
-    /// It is a mixture, for instance of components with their shares, in the order of [`CLASSES`].
-    Mixture(PerClass),
-}
-
-/// One polygon of the soil map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Unit {
-    /// Its number in the layer of units, above 0.
-    pub id: u32,
-    /// Number of its map symbol; polygons of one symbol learn from each other. 0 for no symbol.
-    pub symbol: u32,
-    /// What the map says.
-    pub prior: Prior,
-}
 
 /// What was learnt at a place.
 #[derive(Clone, Debug, PartialEq)]
@@ -598,49 +579,4 @@ fn normalised(weights: PerClass) -> Option<PerClass> {
 
 pub(super) fn certain(class: usize) -> PerClass {
     std::array::from_fn(|k| f64::from(u8::from(k == class)))
-}
-
-/// The shares that the map gives a unit.
-pub(super) fn prior_of(unit: &Unit, params: &BeliefParams) -> Result<PerClass, BeliefError> {
-    match unit.prior {
-        Prior::Mixture(shares) => {
-            let sum: f64 = shares.iter().sum();
-            if shares.iter().all(|&share| share >= 0.0) && (sum - 1.0).abs() <= 1e-6 {
-                Ok(shares.map(|share| share / sum))
-            } else {
-                Err(BeliefError::Mixture { unit: unit.id })
-            }
-        }
-        Prior::Class(class) => {
-            let Some(mapped) = class_index(class) else {
-                // Not mapped: any of the five kinds of ground.
-                return Ok([0.2, 0.2, 0.2, 0.2, 0.2, 0.0]);
-            };
-            let row = &params.confusion[mapped];
-            let others: f64 = (0..CLASS_COUNT).filter(|&k| k != mapped).map(|k| row[k]).sum();
-            if others <= 0.0 {
-                return Ok(certain_but(mapped, params.purity));
-            }
-            let rest = 1.0 - params.purity;
-            Ok(std::array::from_fn(|k| {
-                if k == mapped {
-                    params.purity
-                } else {
-                    rest * row[k] / others
-                }
-            }))
-        }
-    }
-}
-
-/// A share for the mapped class, the rest evenly among the other kinds of ground.
-fn certain_but(mapped: usize, purity: f64) -> PerClass {
-    let others = (0..CLASS_COUNT)
-        .filter(|&k| k != mapped && CLASSES[k] != SoilClass::None)
-        .count();
-    std::array::from_fn(|k| match k {
-        k if k == mapped => purity,
-        k if CLASSES[k] == SoilClass::None => 0.0,
-        _ => (1.0 - purity) / others as f64,
-    })
 }
