@@ -108,7 +108,7 @@ def test_what_a_plan_was_asked_for_comes_back() -> None:
         ({}, r"\[terrain\] or a drawn \[world\]"),
         ({**DRAWN, **MAPPED}, "not both"),
         ({"terrain": {"dem": ["x"]}}, "drive.start and drive.goal"),
-        ({"terrain": {"dem": []}, "drive": MAPPED["drive"]}, r"terrain\.dem"),
+        ({"terrain": {"dem": []}, "drive": MAPPED["drive"]}, "name dem, or store and region"),
         ({**DRAWN, "colour": 1}, "colour is not known"),
         ({**DRAWN, "obstacles": {"crates": -1}}, r"obstacles\.crates"),
         ({**DRAWN, "obstacles": {"boxes": [{"x_m": 1}]}}, "x_m and y_m, or along"),

@@ -110,9 +110,12 @@ fn line<'py>(py: Python<'py>, points: &[Position]) -> PyResult<Bound<'py, PyArra
     PyArray1::from_vec(py, flat).reshape([points.len(), 2])
 }
 
-fn motion<'py>(py: Python<'py>, rows: MotionRows) -> PyResult<Bound<'py, PyDict>> {
+/// A figure of a pose.
+type OfPose = fn(&Pose) -> f64;
+
+fn motion(py: Python<'_>, rows: MotionRows) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
-    let figures: [(&str, fn(&Pose) -> f64); 5] = [
+    let figures: [(&str, OfPose); 5] = [
         ("x_m", |pose| pose.x_m),
         ("y_m", |pose| pose.y_m),
         ("heading_rad", |pose| pose.heading_rad),
