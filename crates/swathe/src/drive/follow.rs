@@ -103,18 +103,10 @@ impl Navigator {
             }
             self.thread.searches += 1;
             self.thread.legs.clear();
-            // What is nearer than remembered is known better now.
-            let half = self.grid.side_cells() as i64 / 2;
-            let middle = self.grid.cell_of(now.pose.x_m, now.pose.y_m);
-            let (grid, met) = (&self.grid, &mut self.met);
-            grid.each_sure(middle, half, super::sense::SURE, |cell| {
-                met.insert(cell, grid.met_at(cell));
-            });
             let near_goal_m = 0.7 * self.params.arrival_m;
             self.thread.search = Some(Box::new(Search::new(
-                (&self.met, &self.memory),
+                (&self.met, &self.memory, &self.grid),
                 &self.shape,
-                self.grid.params().cell_size_m,
                 &now.pose,
                 (now.aim, near_goal_m),
                 self.thread.tight,

@@ -36,6 +36,7 @@ impl Navigator {
         self.refused = None;
         self.scan_time_s = Some(seen.time_s);
         self.take_in(pose, scan);
+        self.movers.work_out(seen.time_s, &self.grid, SURE);
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
@@ -142,13 +143,30 @@ impl Navigator {
     /// Merges what the last scan has changed into the memory, and into the window of the route.
     fn remember(&mut self) {
         let mut before = None;
+        for &cell in self.grid.reshaped() {
+            if let Some(parts) = self.met.get_mut(&cell) {
+                *parts = self.grid.parts_met(cell);
+            }
+        }
         for &(row, column) in self.grid.changed() {
             match self.grid.certainty_of((row, column)) {
                 Some(certainty) if certainty >= SURE => {
-                    self.met.insert((row, column), self.grid.met_at((row, column)));
+                    let parts = self.grid.parts_met((row, column));
+                    if self.met.insert((row, column), parts).is_none()
+                        && let Some(time_s) = self.scan_time_s
+                    {
+                        let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
+                        if self.memory.get(cell) != Seen::Unknown {
+                            self.movers.came(time_s, self.grid.met_at((row, column)));
+                        }
+                    }
                 }
                 Some(certainty) if certainty < GONE => {
-                    self.met.remove(&(row, column));
+                    if self.met.remove(&(row, column)).is_some()
+                        && let Some(time_s) = self.scan_time_s
+                    {
+                        self.movers.went(time_s, self.grid.met_at((row, column)));
+                    }
                 }
                 _ => {}
             }
