@@ -203,7 +203,8 @@ impl Navigator {
         });
         let free_m = free_m.min(self.allowed_m(&now.pose, steered, !backs, reach_m));
         let delay_s = now.age_s + now.step_s.min(0.5);
-        let mut speed_mps = (SHARE * shape.max_speed_mps).min(shape.speed_for(free_m, braking_mps2, delay_s));
+        let calm_mps = (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m) * if backs { 0.5 } else { 1.0 };
+        let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
         if !goes_on {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
         }

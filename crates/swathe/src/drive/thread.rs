@@ -24,8 +24,8 @@ pub(super) type Met = HashMap<(i64, i64), u64>;
 const MARGIN_M: f64 = 0.06;
 
 /// States that a search looks at in one step of the navigator, and in all.
-const WORK_PER_STEP: usize = 800;
-const MOST_STATES: usize = 400_000;
+const WORK_PER_STEP: usize = 1500;
+const MOST_STATES: [usize; 2] = [150_000, 1_200_000];
 
 /// Weight of the bound.
 const WEIGHT: f64 = 1.5;
@@ -212,7 +212,7 @@ impl Field {
             (-1, 1, 1414),
             (-1, -1, 1414),
         ];
-        let slim_m = self.half_length_m.min(self.half_width_m) + closes.min(0.0) - 0.75 * self.size_m;
+        let slim_m = self.half_length_m.min(self.half_width_m) + closes.min(0.0) - 0.5 * self.size_m;
         let mut least = vec![u32::MAX; self.known.len()];
         let mut queue = BinaryHeap::new();
         if let Some(index) = self.index(goal) {
@@ -318,6 +318,7 @@ pub(super) struct Search {
     start: (f64, f64, f64),
     goal: Position,
     near_goal_m: f64,
+    most_states: usize,
     turn_radius_m: f64,
     nodes: Vec<Node>,
     best: HashMap<Key, f64>,
@@ -349,6 +350,7 @@ impl Search {
             start,
             goal,
             near_goal_m,
+            most_states: MOST_STATES[usize::from(tight)],
             turn_radius_m: shape.turn_radius_m,
             nodes: Vec::new(),
             best: HashMap::new(),
@@ -405,7 +407,7 @@ impl Search {
             if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
                 return Threading::Found(self.legs(node));
             }
-            if self.nodes.len() > MOST_STATES {
+            if self.nodes.len() > self.most_states {
                 return Threading::Nothing;
             }
             if self.turn_radius_m > 0.0 {
