@@ -18,14 +18,17 @@ const LATELY_S: f64 = 0.6;
 /// Traces this near to each other, in metres, are of one thing.
 const ONE_M: f64 = 0.7;
 
-/// Traces from which on a thing counts, and seconds that they must span.
-const LEAST: usize = 3;
-const LEAST_GONE: usize = 2;
-const LEAST_S: f64 = 0.15;
+/// Traces, and cells left behind, from which on a thing counts, and seconds that the traces must span.
+const LEAST: usize = 4;
+const LEAST_GONE: usize = 3;
+
+/// What comes lies this far before what goes.
+const AHEAD_M: f64 = 0.15;
+const LEAST_S: f64 = 0.2;
 
 /// Fastest that is believed, in m/s; slower ones than the least stand.
 const FASTEST_MPS: f64 = 3.0;
-const SLOWEST_MPS: f64 = 0.12;
+const SLOWEST_MPS: f64 = 0.2;
 
 /// Half the size of a thing that moves, in metres, and the distance kept from it, more with every second ahead.
 const HALF_M: f64 = 0.3;
@@ -122,12 +125,21 @@ fn mover(traces: &[(f64, f64, f64)], gone: &VecDeque<(f64, f64, f64)>, time_s: f
     if !(SLOWEST_MPS..=FASTEST_MPS).contains(&speed_mps) {
         return None;
     }
-    // What stands leaves nothing behind.
-    let behind = gone.iter().filter(|&&(gone_x_m, gone_y_m, _)| {
-        let (dx, dy) = (gone_x_m - x_m, gone_y_m - y_m);
-        dx.hypot(dy) < 2.0 * ONE_M + speed_mps && traces.iter().any(|trace| (trace.0 - gone_x_m).hypot(trace.1 - gone_y_m) < ONE_M)
-    });
-    if behind.count() < LEAST_GONE {
+    // What stands leaves nothing behind; what only flickers is gone where it comes.
+    let left: Vec<_> = gone
+        .iter()
+        .filter(|left| traces.iter().any(|trace| (trace.0 - left.0).hypot(trace.1 - left.1) < ONE_M))
+        .collect();
+    if left.len() < LEAST_GONE {
+        return None;
+    }
+    let few = left.len() as f64;
+    let (left_x_m, left_y_m) = (
+        left.iter().map(|left| left.0).sum::<f64>() / few,
+        left.iter().map(|left| left.1).sum::<f64>() / few,
+    );
+    let ahead_m = ((x_m - left_x_m) * east_mps + (y_m - left_y_m) * north_mps) / speed_mps;
+    if ahead_m < AHEAD_M {
         return None;
     }
     // What has gone again is not there any more.

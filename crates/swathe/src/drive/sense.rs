@@ -18,6 +18,10 @@ pub(super) const MEMORY_CELLS: i64 = 2;
 const TELLING_BEAMS: usize = 16;
 const TELLING_RETURNS: usize = 3;
 
+/// Cells with things in them from which on, and as often as, those that the memory has given up are let go.
+const MOST_MET: usize = 1 << 18;
+const MET_STEP: usize = 1 << 12;
+
 /// Widest cone of a beam, and most rays to each side of its middle.
 const CONE_MAX_RAD: f64 = std::f64::consts::PI;
 const MOST_RAYS: usize = 32;
@@ -143,6 +147,13 @@ impl Navigator {
     /// Merges what the last scan has changed into the memory, and into the window of the route.
     fn remember(&mut self) {
         let mut before = None;
+        // What the memory has given up is of no use any more.
+        if self.met.len() >= MOST_MET && self.met.len().is_multiple_of(MET_STEP) {
+            let memory = &self.memory;
+            self.met.retain(|&(row, column), _| {
+                memory.get((row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS))) != Seen::Unknown
+            });
+        }
         for &cell in self.grid.reshaped() {
             if let Some(parts) = self.met.get_mut(&cell) {
                 *parts = self.grid.parts_met(cell);

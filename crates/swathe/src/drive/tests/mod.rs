@@ -4,3 +4,4 @@ mod bad_input;
 mod closed_loop;
 mod learning;
 mod world;
+mod ways;
