@@ -58,7 +58,11 @@ impl Navigator {
     /// The recovery that searches and drives one.
     pub(super) fn begin_thread(&mut self, at: Position) -> Recovery {
         let least_m = (6.0 * self.shape.radius_m).max(3.0);
-        let leave_m = if self.thread.leave_m > 0.0 { 2.0 * self.thread.leave_m } else { least_m };
+        let leave_m = if self.thread.leave_m > 0.0 {
+            2.0 * self.thread.leave_m
+        } else {
+            least_m
+        };
         self.thread = Thread {
             from: Some(at),
             leave_m,
@@ -74,8 +78,14 @@ impl Navigator {
             return self.search_on(now);
         }
         let at = now.at();
-        let left_behind = self.thread.from.is_some_and(|from| from.distance_m(at) > self.thread.leave_m);
-        let is_open = self.window.as_ref().is_some_and(|window| window.is_open(at) && !window.way.is_empty());
+        let left_behind = self
+            .thread
+            .from
+            .is_some_and(|from| from.distance_m(at) > self.thread.leave_m);
+        let is_open = self
+            .window
+            .as_ref()
+            .is_some_and(|window| window.is_open(at) && !window.way.is_empty());
         if left_behind && is_open {
             return Threaded::Done;
         }
@@ -122,7 +132,11 @@ impl Navigator {
                 self.thread.search = None;
                 self.thread.legs = legs;
                 self.thread.leg = 0;
-                if self.thread.legs.is_empty() { Threaded::Done } else { Threaded::On((0.0, 0.0)) }
+                if self.thread.legs.is_empty() {
+                    Threaded::Done
+                } else {
+                    Threaded::On((0.0, 0.0))
+                }
             }
             Threading::Nothing if !self.thread.tight => {
                 self.thread.search = None;
@@ -141,7 +155,11 @@ impl Navigator {
         while let Some(&leg) = self.thread.legs.get(self.thread.leg) {
             let wanted = match leg {
                 Leg::Turn { to_rad } => self.turn_to(now, to_rad),
-                Leg::Run { from, curvature_per_m, length_m } => self.run(now, from, curvature_per_m, length_m),
+                Leg::Run {
+                    from,
+                    curvature_per_m,
+                    length_m,
+                } => self.run(now, from, curvature_per_m, length_m),
             };
             match wanted {
                 Some(wanted) => return wanted,
@@ -167,7 +185,9 @@ impl Navigator {
         if free_rad < 0.03_f64.min(off_rad.abs()) {
             return Some((0.0, 0.0));
         }
-        let most = (0.6 * self.shape.max_turn_rate_radps).min(self.turn_rate_within(free_rad, now)).max(0.05);
+        let most = (0.6 * self.shape.max_turn_rate_radps)
+            .min(self.turn_rate_within(free_rad, now))
+            .max(0.05);
         Some((0.0, (2.0 * off_rad).clamp(-most, most)))
     }
 

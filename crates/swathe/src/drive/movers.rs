@@ -107,7 +107,13 @@ impl Movers {
 }
 
 /// What some traces are of: the line through places and times.
-fn mover(traces: &[(f64, f64, f64)], gone: &VecDeque<(f64, f64, f64)>, time_s: f64, grid: &CertaintyGrid, sure: u8) -> Option<Mover> {
+fn mover(
+    traces: &[(f64, f64, f64)],
+    gone: &VecDeque<(f64, f64, f64)>,
+    time_s: f64,
+    grid: &CertaintyGrid,
+    sure: u8,
+) -> Option<Mover> {
     let count = traces.len() as f64;
     let latest_s = traces.iter().map(|trace| trace.2).fold(f64::NEG_INFINITY, f64::max);
     let first_s = traces.iter().map(|trace| trace.2).fold(f64::INFINITY, f64::min);
@@ -118,7 +124,11 @@ fn mover(traces: &[(f64, f64, f64)], gone: &VecDeque<(f64, f64, f64)>, time_s: f
     let (x_m, y_m, t_s) = (mean(|trace| trace.0), mean(|trace| trace.1), mean(|trace| trace.2));
     let spread = traces.iter().map(|trace| (trace.2 - t_s).powi(2)).sum::<f64>();
     let slope = |of: fn(&(f64, f64, f64)) -> f64, middle: f64| {
-        traces.iter().map(|trace| (trace.2 - t_s) * (of(trace) - middle)).sum::<f64>() / spread
+        traces
+            .iter()
+            .map(|trace| (trace.2 - t_s) * (of(trace) - middle))
+            .sum::<f64>()
+            / spread
     };
     let (east_mps, north_mps) = (slope(|trace| trace.0, x_m), slope(|trace| trace.1, y_m));
     let speed_mps = east_mps.hypot(north_mps);
@@ -128,7 +138,11 @@ fn mover(traces: &[(f64, f64, f64)], gone: &VecDeque<(f64, f64, f64)>, time_s: f
     // What stands leaves nothing behind; what only flickers is gone where it comes.
     let left: Vec<_> = gone
         .iter()
-        .filter(|left| traces.iter().any(|trace| (trace.0 - left.0).hypot(trace.1 - left.1) < ONE_M))
+        .filter(|left| {
+            traces
+                .iter()
+                .any(|trace| (trace.0 - left.0).hypot(trace.1 - left.1) < ONE_M)
+        })
         .collect();
     if left.len() < LEAST_GONE {
         return None;
@@ -209,7 +223,11 @@ impl Navigator {
         if movers.is_empty() {
             return wanted;
         }
-        let curvature = if wanted.0.abs() > 0.01 { wanted.1 / wanted.0 } else { 0.0 };
+        let curvature = if wanted.0.abs() > 0.01 {
+            wanted.1 / wanted.0
+        } else {
+            0.0
+        };
         // No faster than it drives: what it may reach is looked at again in the next step.
         let speed_mps = wanted.0.signum() * wanted.0.abs().min(now.speed_mps.abs() + 0.4);
         let (until_s, _) = room(&movers, shape, &now.pose, (speed_mps, curvature));
@@ -233,14 +251,20 @@ impl Navigator {
             pose: &now.pose,
             scan: now.scan,
         };
-        let bend = if shape.turns_in_place() { 1.0 / shape.radius_m.max(0.4) } else { 1.0 / shape.turn_radius_m };
+        let bend = if shape.turns_in_place() {
+            1.0 / shape.radius_m.max(0.4)
+        } else {
+            1.0 / shape.turn_radius_m
+        };
         let most_mps = (0.6 * shape.max_speed_mps).clamp(0.3_f64.min(shape.max_speed_mps), 1.2);
         let mut best = ((0.0, 0.0), stands_s.min(AHEAD_S), stands_m);
         for side in [1.0, -1.0] {
             for curvature in [0.0, bend, -bend, 0.5 * bend, -0.5 * bend] {
-                let free_m = self.around.free_m(shape, curvature, side > 0.0, 2.0, |ahead_m, left_m| {
-                    sight.has(ahead_m, left_m)
-                });
+                let free_m = self
+                    .around
+                    .free_m(shape, curvature, side > 0.0, 2.0, |ahead_m, left_m| {
+                        sight.has(ahead_m, left_m)
+                    });
                 let braking_mps2 = self.braking_mps2(&now.pose, side > 0.0);
                 let free_m = free_m.min(self.allowed_m(&now.pose, curvature, side > 0.0, 2.0));
                 let speed_mps = shape

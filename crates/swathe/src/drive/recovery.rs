@@ -66,7 +66,10 @@ impl Navigator {
         if matches!(
             self.recovery,
             Some(
-                Recovery::TurnInPlace { .. } | Recovery::BackOff { .. } | Recovery::Thread | Recovery::FollowWall { .. }
+                Recovery::TurnInPlace { .. }
+                    | Recovery::BackOff { .. }
+                    | Recovery::Thread
+                    | Recovery::FollowWall { .. }
             )
         ) {
             return None;

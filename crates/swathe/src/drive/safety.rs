@@ -47,7 +47,8 @@ impl Surroundings {
             // Far away one place of a cell is enough.
             let (x_m, y_m) = grid.met_at((down, right));
             if (x_m - pose.x_m).hypot(y_m - pose.y_m) < shape.radius_m + 1.0 {
-                grid.places_of((down, right), grid.parts_met((down, right))).for_each(&mut take);
+                grid.places_of((down, right), grid.parts_met((down, right)))
+                    .for_each(&mut take);
             } else {
                 take((x_m, y_m));
             }

@@ -116,7 +116,9 @@ struct Field {
 
 impl std::fmt::Debug for Field {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        to.debug_struct("Field").field("points", &self.points.len()).finish_non_exhaustive()
+        to.debug_struct("Field")
+            .field("points", &self.points.len())
+            .finish_non_exhaustive()
     }
 }
 
@@ -178,8 +180,7 @@ impl Field {
                     ((first_column + column) as f64 + 0.5) * size_m,
                     -((first_row + row) as f64 + 0.5) * size_m,
                 );
-                field.known[(row * columns + column) as usize] =
-                    memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
+                field.known[(row * columns + column) as usize] = memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
             }
         }
         field.to_go_m = field.distances(there, closes);
@@ -259,7 +260,9 @@ impl Field {
         let (sin, cos) = heading_rad.sin_cos();
         for row in cell.0 - reach..=cell.0 + reach {
             for column in cell.1 - reach..=cell.1 + reach {
-                let Some(index) = self.index((row, column)) else { continue };
+                let Some(index) = self.index((row, column)) else {
+                    continue;
+                };
                 let (first, count) = self.slots[index];
                 for &(px, py, margin_m) in &self.points[first as usize..(first + count) as usize] {
                     let (dx, dy) = (px - x_m, py - y_m);
@@ -327,13 +330,7 @@ pub(super) struct Search {
 
 impl Search {
     /// A search from a pose to within some metres of a goal. The free room on each side is less than usual with `tight`.
-    pub fn new(
-        known: Known,
-        shape: &Shape,
-        pose: &Pose,
-        (goal, near_goal_m): (Position, f64),
-        tight: bool,
-    ) -> Self {
+    pub fn new(known: Known, shape: &Shape, pose: &Pose, (goal, near_goal_m): (Position, f64), tight: bool) -> Self {
         let size_m = known.2.params().cell_size_m;
         let away_m = Position::new(pose.x_m, pose.y_m).distance_m(goal);
         let most_m = (MOST_CELLS - 2 * AROUND_CELLS) as f64 * size_m;
@@ -401,7 +398,11 @@ impl Search {
                 return Threading::Nothing;
             };
             let now = self.nodes[node as usize];
-            if self.best.get(&self.key(now.at)).is_some_and(|&best_m| best_m < now.cost_m - 1e-9) {
+            if self
+                .best
+                .get(&self.key(now.at))
+                .is_some_and(|&best_m| best_m < now.cost_m - 1e-9)
+            {
                 continue;
             }
             if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
@@ -421,7 +422,9 @@ impl Search {
 
     /// Cost of a metre at a place.
     fn factor(&self, at: (f64, f64, f64), backs: bool) -> f64 {
-        let Some(index) = self.field.at(at.0, at.1) else { return 1.0 };
+        let Some(index) = self.field.at(at.0, at.1) else {
+            return 1.0;
+        };
         let near = f64::from(self.field.near_m[index]) < self.field.radius_m + NEAR_M;
         (if near { NEAR_FACTOR } else { 1.0 })
             * if backs { BACK_FACTOR } else { 1.0 }

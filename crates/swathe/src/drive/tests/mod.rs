@@ -3,5 +3,5 @@
 mod bad_input;
 mod closed_loop;
 mod learning;
-mod world;
 mod ways;
+mod world;

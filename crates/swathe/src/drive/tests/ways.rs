@@ -93,7 +93,8 @@ fn a_gap_narrower_than_the_footprint_is_not() {
     // The wall ends 5 m away on both sides: a way around it would be longer than the search's cells reach.
     let legs = found(&shape, 0.36);
     let goes_through = legs.is_some_and(|legs| {
-        legs.iter().any(|leg| matches!(leg, Leg::Run { from, .. } if (from.0 - 2.0).abs() < 0.5 && from.1.abs() < 4.0))
+        legs.iter()
+            .any(|leg| matches!(leg, Leg::Run { from, .. } if (from.0 - 2.0).abs() < 0.5 && from.1.abs() < 4.0))
     });
     assert!(!goes_through);
 }
@@ -143,7 +144,10 @@ fn what_walks_is_told_from_what_stands() {
     movers.work_out(2.0, &grid_with(3.0, 0.52), 6);
     assert_eq!(movers.found.len(), 1);
     let found = movers.found[0];
-    assert!((found.north_mps - 0.8).abs() < 0.1 && found.east_mps.abs() < 0.1, "{found:?}");
+    assert!(
+        (found.north_mps - 0.8).abs() < 0.1 && found.east_mps.abs() < 0.1,
+        "{found:?}"
+    );
     // What comes and goes in one place moves nowhere.
     let mut flicker = Movers::default();
     for k in 0..20 {
