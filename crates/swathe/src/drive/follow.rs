@@ -24,6 +24,9 @@ const THERE_M: f64 = 0.02;
 const BLOCKED_S: f64 = 1.5;
 const MOST_SEARCHES: u32 = 6;
 
+/// Ways that are begun to a goal that something stands on.
+const MOST_TO_BLOCKED: u32 = 2;
+
 /// Seconds after which a search that found nothing is worth another.
 const AGAIN_S: f64 = 4.0;
 
@@ -36,6 +39,8 @@ pub(super) struct Thread {
     tight: bool,
     blocked_since_s: Option<f64>,
     searches: u32,
+    /// How many began since the goal was set.
+    begun: u32,
     failed_s: Option<f64>,
     /// Where it began, and after how many metres the usual way is tried again: longer each time.
     from: Option<Position>,
@@ -55,6 +60,11 @@ impl Navigator {
         self.params.memory && self.thread.failed_s.is_none_or(|failed| time_s - failed > AGAIN_S)
     }
 
+    /// Whether one may be searched to a goal that something stands on: a few times, it may have been seen badly.
+    pub(super) fn may_thread_to_blocked(&self) -> bool {
+        self.thread.begun < MOST_TO_BLOCKED
+    }
+
     /// The recovery that searches and drives one.
     pub(super) fn begin_thread(&mut self, at: Position) -> Recovery {
         let least_m = (6.0 * self.shape.radius_m).max(3.0);
@@ -67,6 +77,7 @@ impl Navigator {
             from: Some(at),
             leave_m,
             failed_s: self.thread.failed_s,
+            begun: self.thread.begun + 1,
             ..Thread::default()
         };
         Recovery::Thread

@@ -82,7 +82,8 @@ impl Navigator {
             self.begin(Recovery::TurnInPlace { left_rad: TAU }, at);
             return None;
         }
-        if self.params.recover && self.may_thread(time_s) {
+        let is_worth_it = reason != Reason::GoalBlocked || self.may_thread_to_blocked();
+        if self.params.recover && is_worth_it && self.may_thread(time_s) {
             let recovery = self.begin_thread(at);
             self.begin(recovery, at);
             return None;
