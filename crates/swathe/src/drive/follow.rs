@@ -24,6 +24,9 @@ const THERE_M: f64 = 0.02;
 const BLOCKED_S: f64 = 1.5;
 const MOST_SEARCHES: u32 = 6;
 
+/// Ways that are begun to a goal that something stands on.
+const MOST_TO_BLOCKED: u32 = 2;
+
 /// Seconds after which a search that found nothing is worth another.
 const AGAIN_S: f64 = 4.0;
 
@@ -36,6 +39,8 @@ pub(super) struct Thread {
     tight: bool,
     blocked_since_s: Option<f64>,
     searches: u32,
+    /// How many began since the goal was set.
+    begun: u32,
     failed_s: Option<f64>,
     /// Where it began, and after how many metres the usual way is tried again: longer each time.
     from: Option<Position>,
@@ -55,6 +60,11 @@ impl Navigator {
         self.params.memory && self.thread.failed_s.is_none_or(|failed| time_s - failed > AGAIN_S)
     }
 
+    /// Whether one may be searched to a goal that something stands on: a few times, it may have been seen badly.
+    pub(super) fn may_thread_to_blocked(&self) -> bool {
+        self.thread.begun < MOST_TO_BLOCKED
+    }
+
     /// The recovery that searches and drives one.
     pub(super) fn begin_thread(&mut self, at: Position) -> Recovery {
         let least_m = (6.0 * self.shape.radius_m).max(3.0);
@@ -67,6 +77,7 @@ impl Navigator {
             from: Some(at),
             leave_m,
             failed_s: self.thread.failed_s,
+            begun: self.thread.begun + 1,
             ..Thread::default()
         };
         Recovery::Thread
@@ -113,18 +124,10 @@ impl Navigator {
             }
             self.thread.searches += 1;
             self.thread.legs.clear();
-            // What is nearer than remembered is known better now.
-            let half = self.grid.side_cells() as i64 / 2;
-            let middle = self.grid.cell_of(now.pose.x_m, now.pose.y_m);
-            let (grid, met) = (&self.grid, &mut self.met);
-            grid.each_sure(middle, half, super::sense::SURE, |cell| {
-                met.insert(cell, grid.met_at(cell));
-            });
             let near_goal_m = 0.7 * self.params.arrival_m;
             self.thread.search = Some(Box::new(Search::new(
-                (&self.met, &self.memory),
+                (&self.met, &self.memory, &self.grid),
                 &self.shape,
-                self.grid.params().cell_size_m,
                 &now.pose,
                 (now.aim, near_goal_m),
                 self.thread.tight,
@@ -231,7 +234,8 @@ impl Navigator {
         });
         let free_m = free_m.min(self.allowed_m(&now.pose, steered, !backs, reach_m));
         let delay_s = now.age_s + now.step_s.min(0.5);
-        let mut speed_mps = (SHARE * shape.max_speed_mps).min(shape.speed_for(free_m, braking_mps2, delay_s));
+        let calm_mps = (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m) * if backs { 0.5 } else { 1.0 };
+        let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
         if !goes_on {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
         }

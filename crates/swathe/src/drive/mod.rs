@@ -11,6 +11,7 @@ mod knowledge;
 mod learning;
 mod memory;
 mod motion;
+mod movers;
 mod navigator;
 mod params;
 mod probing;

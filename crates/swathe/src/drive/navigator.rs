@@ -10,6 +10,7 @@ use super::event::{Command, Event, Reason, Recovery, Status};
 use super::follow::Thread;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
+use super::movers::Movers;
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -67,6 +68,7 @@ pub struct Navigator {
     /// Where things were met, for ways of the footprint itself.
     pub(super) met: Met,
     pub(super) thread: Thread,
+    pub(super) movers: Movers,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -145,6 +147,7 @@ impl Navigator {
             walk: Walk::default(),
             met: Met::new(),
             thread: Thread::default(),
+            movers: Movers::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -323,14 +326,15 @@ impl Navigator {
             return told;
         }
         if self.params.recover
-            && let Some(told) = self.recover(&now)
+            && let Some((wanted, status, reason)) = self.recover(&now)
         {
-            return told;
+            return (self.give_way(&now, wanted), status, reason);
         }
         if let Some((status, reason)) = self.end {
             return stand(status, reason);
         }
         let wanted = self.drive(&now);
+        let wanted = self.give_way(&now, wanted);
         match self.recovery {
             Some(_) => (wanted, Status::Recovering, Reason::GroundNoGo),
             None => (wanted, Status::Driving, Reason::OnTheWay),
@@ -357,6 +361,7 @@ impl Navigator {
             self.grid.clear();
             self.memory.clear();
             self.met.clear();
+            self.movers.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();

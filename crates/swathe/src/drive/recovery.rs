@@ -101,7 +101,8 @@ impl Navigator {
             self.begin(Recovery::TurnInPlace { left_rad: TAU }, at);
             return None;
         }
-        if self.params.recover && self.may_thread(time_s) {
+        let is_worth_it = reason != Reason::GoalBlocked || self.may_thread_to_blocked();
+        if self.params.recover && is_worth_it && self.may_thread(time_s) {
             let recovery = self.begin_thread(at);
             self.begin(recovery, at);
             return None;
@@ -319,7 +320,7 @@ impl Navigator {
         let ahead_m = self.shape.half_length_m + 0.5 * self.grid.params().cell_size_m;
         let (sin, cos) = now.pose.heading_rad.sin_cos();
         let (x_m, y_m) = (now.pose.x_m + cos * ahead_m, now.pose.y_m + sin * ahead_m);
-        self.met.insert(self.grid.cell_of(x_m, y_m), (x_m, y_m));
+        *self.met.entry(self.grid.cell_of(x_m, y_m)).or_default() |= 1 << 36;
     }
 
     /// Turns on; `None` when done or no longer possible.

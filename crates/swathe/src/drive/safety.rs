@@ -35,14 +35,23 @@ impl Surroundings {
         let half = ((reach_m + shape.radius_m) / size).ceil() as i64;
         let half = half.min(grid.side_cells() as i64 / 2);
         grid.each_sure((row, column), half, sure, |(down, right)| {
+            let mut take = |(x_m, y_m): (f64, f64)| {
+                let (x_m, y_m) = (x_m - pose.x_m, y_m - pose.y_m);
+                let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
+                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+                self.points.push((ahead, left));
+                // What is near already may come a little nearer in a step, but not by less than it is known to.
+                let least_m = (0.3 * size).min(0.03).min(beyond - 1e-4);
+                self.margins.push((beyond - 0.2 * size).max(least_m).min(margin_m));
+            };
+            // Far away one place of a cell is enough.
             let (x_m, y_m) = grid.met_at((down, right));
-            let (x_m, y_m) = (x_m - pose.x_m, y_m - pose.y_m);
-            let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
-            let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
-            self.points.push((ahead, left));
-            // What is near already may come a little nearer in a step, but not by less than it is known to.
-            let least_m = (0.3 * size).min(beyond - 0.05 * size);
-            self.margins.push((beyond - 0.2 * size).max(least_m).min(margin_m));
+            if (x_m - pose.x_m).hypot(y_m - pose.y_m) < shape.radius_m + 1.0 {
+                grid.places_of((down, right), grid.parts_met((down, right)))
+                    .for_each(&mut take);
+            } else {
+                take((x_m, y_m));
+            }
         });
     }
 

@@ -18,6 +18,10 @@ pub(super) const MEMORY_CELLS: i64 = 2;
 const TELLING_BEAMS: usize = 16;
 const TELLING_RETURNS: usize = 3;
 
+/// Cells with things in them from which on, and as often as, those that the memory has given up are let go.
+const MOST_MET: usize = 1 << 18;
+const MET_STEP: usize = 1 << 12;
+
 /// Widest cone of a beam, and most rays to each side of its middle.
 const CONE_MAX_RAD: f64 = std::f64::consts::PI;
 const MOST_RAYS: usize = 32;
@@ -36,6 +40,7 @@ impl Navigator {
         self.refused = None;
         self.scan_time_s = Some(seen.time_s);
         self.take_in(pose, scan);
+        self.movers.work_out(seen.time_s, &self.grid, SURE);
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
@@ -142,13 +147,37 @@ impl Navigator {
     /// Merges what the last scan has changed into the memory, and into the window of the route.
     fn remember(&mut self) {
         let mut before = None;
+        // What the memory has given up is of no use any more.
+        if self.met.len() >= MOST_MET && self.met.len().is_multiple_of(MET_STEP) {
+            let memory = &self.memory;
+            self.met.retain(|&(row, column), _| {
+                memory.get((row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS))) != Seen::Unknown
+            });
+        }
+        for &cell in self.grid.reshaped() {
+            if let Some(parts) = self.met.get_mut(&cell) {
+                *parts = self.grid.parts_met(cell);
+            }
+        }
         for &(row, column) in self.grid.changed() {
             match self.grid.certainty_of((row, column)) {
                 Some(certainty) if certainty >= SURE => {
-                    self.met.insert((row, column), self.grid.met_at((row, column)));
+                    let parts = self.grid.parts_met((row, column));
+                    if self.met.insert((row, column), parts).is_none()
+                        && let Some(time_s) = self.scan_time_s
+                    {
+                        let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
+                        if self.memory.get(cell) != Seen::Unknown {
+                            self.movers.came(time_s, self.grid.met_at((row, column)));
+                        }
+                    }
                 }
                 Some(certainty) if certainty < GONE => {
-                    self.met.remove(&(row, column));
+                    if self.met.remove(&(row, column)).is_some()
+                        && let Some(time_s) = self.scan_time_s
+                    {
+                        self.movers.went(time_s, self.grid.met_at((row, column)));
+                    }
                 }
                 _ => {}
             }

@@ -11,20 +11,21 @@ use std::collections::{BinaryHeap, HashMap};
 use std::f64::consts::{PI, TAU};
 
 use crate::grid::Position;
+use crate::local::CertaintyGrid;
 use crate::sensor::{Pose, wrap};
 
 use super::memory::{Memory, Seen};
 use super::params::Shape;
 
-/// Where something was met, by cell of the certainty grid's lattice.
-pub(super) type Met = HashMap<(i64, i64), (f64, f64)>;
+/// The parts of cells in which something was met, by cell of the certainty grid's lattice.
+pub(super) type Met = HashMap<(i64, i64), u64>;
 
 /// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
 const MARGIN_M: f64 = 0.06;
 
 /// States that a search looks at in one step of the navigator, and in all.
-const WORK_PER_STEP: usize = 800;
-const MOST_STATES: usize = 400_000;
+const WORK_PER_STEP: usize = 1500;
+const MOST_STATES: [usize; 2] = [150_000, 1_200_000];
 
 /// Weight of the bound.
 const WEIGHT: f64 = 1.5;
@@ -70,6 +71,9 @@ fn axis_rad(axis: usize) -> f64 {
     f64::from(north).atan2(f64::from(east))
 }
 
+/// What is known: where things were met, what was seen, and the grid whose cells these are.
+pub(super) type Known<'a> = (&'a Met, &'a Memory, &'a CertaintyGrid);
+
 /// A part of a way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Leg {
@@ -96,8 +100,8 @@ struct Field {
     first: (i64, i64),
     rows: i64,
     columns: i64,
-    /// What was met in each cell, one more than its number; 0 where nothing was.
-    slots: Vec<u32>,
+    /// Which points lie in each cell: the first, and how many.
+    slots: Vec<(u32, u32)>,
     /// East, north, and how near it may come to the footprint.
     points: Vec<(f64, f64, f64)>,
     /// From the centre of every cell to what was met nearest, as far as it matters.
@@ -119,7 +123,8 @@ impl std::fmt::Debug for Field {
 }
 
 impl Field {
-    fn lay(met: &Met, memory: &Memory, shape: &Shape, size_m: f64, pose: &Pose, goal: Position, closes: f64) -> Self {
+    fn lay((met, memory, grid): Known, shape: &Shape, pose: &Pose, goal: Position, closes: f64) -> Self {
+        let size_m = grid.params().cell_size_m;
         let cell = |x_m: f64, y_m: f64| ((-y_m / size_m).floor() as i64, (x_m / size_m).floor() as i64);
         let (here, there) = (cell(pose.x_m, pose.y_m), cell(goal.x_m, goal.y_m));
         let range = |a: i64, b: i64| {
@@ -134,7 +139,7 @@ impl Field {
             first: (first_row, first_column),
             rows,
             columns,
-            slots: vec![0; count],
+            slots: vec![(0, 0); count],
             points: Vec::new(),
             near_m: vec![reach_m as f32; count],
             known: vec![false; count],
@@ -145,21 +150,26 @@ impl Field {
         };
         let (sin, cos) = pose.heading_rad.sin_cos();
         let reach = (reach_m / size_m).ceil() as i64;
-        for (&cell, &(x_m, y_m)) in met {
+        for (&cell, &parts) in met {
             let Some(index) = field.index(cell) else { continue };
-            let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
-            let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
-            let beyond_m = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
-            // What is nearer already may stay as near.
-            field.points.push((x_m, y_m, closes.min(beyond_m - 0.01).max(-0.05)));
-            field.slots[index] = field.points.len() as u32;
+            let first = field.points.len() as u32;
+            field.slots[index] = (first, parts.count_ones());
+            for (x_m, y_m) in grid.places_of(cell, parts) {
+                let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
+                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                let beyond_m = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+                // What is nearer already may stay as near.
+                field.points.push((x_m, y_m, closes.min(beyond_m - 0.01).max(-0.05)));
+            }
+            let places = field.points[first as usize..].to_vec();
             for row in cell.0 - reach..=cell.0 + reach {
                 for column in cell.1 - reach..=cell.1 + reach {
                     if let Some(around) = field.index((row, column)) {
                         let (east_m, north_m) = ((column as f64 + 0.5) * size_m, -(row as f64 + 0.5) * size_m);
-                        let away_m = (east_m - x_m).hypot(north_m - y_m) as f32;
                         let near_m = &mut field.near_m[around];
-                        *near_m = near_m.min(away_m);
+                        for &(x_m, y_m, _) in &places {
+                            *near_m = near_m.min((east_m - x_m).hypot(north_m - y_m) as f32);
+                        }
                     }
                 }
             }
@@ -203,7 +213,7 @@ impl Field {
             (-1, 1, 1414),
             (-1, -1, 1414),
         ];
-        let slim_m = self.half_length_m.min(self.half_width_m) + closes.min(0.0) - 0.75 * self.size_m;
+        let slim_m = self.half_length_m.min(self.half_width_m) + closes.min(0.0) - 0.5 * self.size_m;
         let mut least = vec![u32::MAX; self.known.len()];
         let mut queue = BinaryHeap::new();
         if let Some(index) = self.index(goal) {
@@ -253,15 +263,13 @@ impl Field {
                 let Some(index) = self.index((row, column)) else {
                     continue;
                 };
-                let slot = self.slots[index];
-                if slot == 0 {
-                    continue;
-                }
-                let (px, py, margin_m) = self.points[slot as usize - 1];
-                let (dx, dy) = (px - x_m, py - y_m);
-                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
-                if (ahead.abs() - self.half_length_m).max(left.abs() - self.half_width_m) < margin_m {
-                    return false;
+                let (first, count) = self.slots[index];
+                for &(px, py, margin_m) in &self.points[first as usize..(first + count) as usize] {
+                    let (dx, dy) = (px - x_m, py - y_m);
+                    let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                    if (ahead.abs() - self.half_length_m).max(left.abs() - self.half_width_m) < margin_m {
+                        return false;
+                    }
                 }
             }
         }
@@ -313,6 +321,7 @@ pub(super) struct Search {
     start: (f64, f64, f64),
     goal: Position,
     near_goal_m: f64,
+    most_states: usize,
     turn_radius_m: f64,
     nodes: Vec<Node>,
     best: HashMap<Key, f64>,
@@ -321,14 +330,8 @@ pub(super) struct Search {
 
 impl Search {
     /// A search from a pose to within some metres of a goal. The free room on each side is less than usual with `tight`.
-    pub fn new(
-        (met, memory): (&Met, &Memory),
-        shape: &Shape,
-        size_m: f64,
-        pose: &Pose,
-        (goal, near_goal_m): (Position, f64),
-        tight: bool,
-    ) -> Self {
+    pub fn new(known: Known, shape: &Shape, pose: &Pose, (goal, near_goal_m): (Position, f64), tight: bool) -> Self {
+        let size_m = known.2.params().cell_size_m;
         let away_m = Position::new(pose.x_m, pose.y_m).distance_m(goal);
         let most_m = (MOST_CELLS - 2 * AROUND_CELLS) as f64 * size_m;
         let goal = if away_m > most_m {
@@ -337,13 +340,14 @@ impl Search {
             goal
         };
         let closes = if tight { 0.5 * MARGIN_M } else { MARGIN_M };
-        let field = Field::lay(met, memory, shape, size_m, pose, goal, closes);
+        let field = Field::lay(known, shape, pose, goal, closes);
         let start = (pose.x_m, pose.y_m, pose.heading_rad);
         let mut search = Self {
             field,
             start,
             goal,
             near_goal_m,
+            most_states: MOST_STATES[usize::from(tight)],
             turn_radius_m: shape.turn_radius_m,
             nodes: Vec::new(),
             best: HashMap::new(),
@@ -404,7 +408,7 @@ impl Search {
             if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
                 return Threading::Found(self.legs(node));
             }
-            if self.nodes.len() > MOST_STATES {
+            if self.nodes.len() > self.most_states {
                 return Threading::Nothing;
             }
             if self.turn_radius_m > 0.0 {

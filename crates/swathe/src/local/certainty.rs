@@ -95,6 +95,8 @@ pub struct CertaintyGrid {
     levels: Levels,
     /// Cells that the last scan first saw or whose certainty it changed, by lattice row and column.
     changed: Vec<(i64, i64)>,
+    /// Cells in which the last scan met something in another part than before.
+    reshaped: Vec<(i64, i64)>,
     /// Ends of beams, kept for their storage.
     ends: Vec<(f64, f64)>,
 }
@@ -108,6 +110,8 @@ struct Evident {
     /// Where in the cell the last scan that hit it did so nearest to the sensor: right and down, in parts of 256, and how far away.
     part: [u8; 2],
     range_cm: u16,
+    /// The parts of the cell, eight by eight, in which something was met.
+    hits: u64,
 }
 
 /// Steps of evidence and what they mean.
@@ -155,6 +159,11 @@ impl Levels {
     }
 }
 
+/// The part of a cell for a place in parts of 256, right and down.
+fn bit_of([right, down]: [u8; 2]) -> u64 {
+    1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
+}
+
 impl CertaintyGrid {
     /// A window around a place, nothing seen.
     pub fn new(params: CertaintyParams, x_m: f64, y_m: f64) -> Self {
@@ -170,6 +179,7 @@ impl CertaintyGrid {
             scan: 0,
             levels: Levels::of(params.evidence),
             changed: Vec::new(),
+            reshaped: Vec::new(),
             ends: Vec::new(),
         };
         grid.middle = grid.lattice(x_m, y_m);
@@ -249,6 +259,7 @@ impl CertaintyGrid {
         }
         self.scan += 1;
         self.changed.clear();
+        self.reshaped.clear();
         let sensor = pose.of_mount(&scan.mount);
         let reach_m = self.side as f64 * self.params.cell_size_m;
         let mut ends = std::mem::take(&mut self.ends);
@@ -266,13 +277,22 @@ impl CertaintyGrid {
             let cell = self.lattice(x_m, y_m);
             if is_hit && let Some(index) = self.index(cell) {
                 let is_first = self.evidence[index].scan != self.scan;
+                if is_first && (self.certainty[index] == UNSEEN || self.evidence[index].level <= 0) {
+                    self.evidence[index].hits = 0;
+                }
                 self.count(index, cell, self.levels.hit);
                 let evident = &mut self.evidence[index];
                 let range_cm = (100.0 * range_m) as u16;
+                let part = |along: f64| (256.0 * (along / self.params.cell_size_m).rem_euclid(1.0)) as u8;
+                let part = [part(x_m), part(-y_m)];
                 if is_first || range_cm < evident.range_cm {
-                    let part = |along: f64| (256.0 * (along / self.params.cell_size_m).rem_euclid(1.0)) as u8;
-                    evident.part = [part(x_m), part(-y_m)];
+                    evident.part = part;
                     evident.range_cm = range_cm;
+                }
+                let bit = bit_of(part);
+                if evident.hits & bit == 0 {
+                    evident.hits |= bit;
+                    self.reshaped.push(cell);
                 }
             }
         }
@@ -354,11 +374,31 @@ impl CertaintyGrid {
         ((cell.1 as f64 + right) * size, -(cell.0 as f64 + down) * size)
     }
 
+    /// In which of the eight by eight parts of a cell something was met, since the cell was last free.
+    pub(crate) fn parts_met(&self, cell: (i64, i64)) -> u64 {
+        self.index(cell).map_or(0, |index| self.evidence[index].hits)
+    }
+
+    /// The middles of such parts, in metres east and north.
+    pub(crate) fn places_of(&self, cell: (i64, i64), parts: u64) -> impl Iterator<Item = (f64, f64)> + use<> {
+        let size = self.params.cell_size_m;
+        (0..64_u32).filter(move |part| parts >> part & 1 == 1).map(move |part| {
+            let (right, down) = ((f64::from(part % 8) + 0.5) / 8.0, (f64::from(part / 8) + 0.5) / 8.0);
+            ((cell.1 as f64 + right) * size, -(cell.0 as f64 + down) * size)
+        })
+    }
+
+    /// Cells in which the last scan met something in another part than before, by row and column of the lattice.
+    pub(crate) fn reshaped(&self) -> &[(i64, i64)] {
+        &self.reshaped
+    }
+
     /// Sets a place to the greatest certainty, as when the robot has felt an obstacle.
     pub fn stamp(&mut self, x_m: f64, y_m: f64) {
         if let Some(index) = self.index(self.lattice(x_m, y_m)) {
             self.evidence[index].level = self.levels.high;
             self.evidence[index].part = [128; 2];
+            self.evidence[index].hits |= bit_of([128; 2]);
             self.certainty[index] = self.levels.certainty(self.levels.high);
         }
     }

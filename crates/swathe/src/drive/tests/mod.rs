@@ -3,4 +3,5 @@
 mod bad_input;
 mod closed_loop;
 mod learning;
+mod ways;
 mod world;
