@@ -25,7 +25,7 @@ const MARGIN_M: f64 = 0.06;
 
 /// States that a search looks at in one step of the navigator, and in all.
 const WORK_PER_STEP: usize = 1500;
-const MOST_STATES: [usize; 2] = [150_000, 1_200_000];
+const MOST_STATES: [usize; 2] = [150_000, 300_000];
 
 /// Weight of the bound.
 const WEIGHT: f64 = 1.5;

@@ -186,7 +186,8 @@ pub fn shortest_path<C: CellCost>(
         memory_limit_bytes,
     };
     let ground = graph.ground();
-    if algorithm == Algorithm::AStar {
+    // The kernel leaves out some long steps that cut corners.
+    if algorithm == Algorithm::AStar || (neighbours == 16 && corners == Corners::Cut) {
         // A float and a bit.
         request.require(ground.rows, ground.columns, 9)?;
         return Ok(search(&graph, start, goal, report));

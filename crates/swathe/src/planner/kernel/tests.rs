@@ -178,6 +178,14 @@ proptest! {
     }
 }
 
+#[test]
+fn long_steps_that_cut_corners_are_not_left_out() {
+    let (rows, columns) = (60, 154);
+    let costs = world(Kind::Maze, rows, columns, 83_175_415);
+    let picks = [3_587_821_079_290_031_644, 1_258_502_586_808_104_674];
+    compare(&costs, columns, ends(&costs, columns, picks), 16, Corners::Cut);
+}
+
 #[rstest]
 #[case(1, 6000)]
 #[case(6000, 1)]
