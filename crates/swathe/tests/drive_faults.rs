@@ -329,7 +329,7 @@ fn without_a_memory_a_wall_is_followed_out_of_a_trap_and_inside_a_ring_it_is_giv
     let drive = |world, goal, wall_is_followed: bool| {
         let mut drive = Drive::new(world, jackal(), goal);
         drive.params.memory = false;
-        drive.params.most_recoveries = 3;
+        drive.params.most_recoveries = 6;
         drive.params.follow_walls = wall_is_followed;
         drive.seconds = 400.0;
         drive.run()
