@@ -235,7 +235,7 @@ def test_a_plan_from_the_store_is_that_from_files_to_the_byte(
         assert read
     else:
         assert read == [], "the paper's profiles read the table alone"
-    of_the_way_of_reading = {"outputs", "timings_s", "bytes_read"}
+    of_the_way_of_reading = {"outputs", "timings_s", "bytes_read", "request"}
     different = {key for key in files if key not in of_the_way_of_reading and files[key] != stored[key]}
     assert different == set()
 
