@@ -87,6 +87,8 @@ def draw_drive_map(path: Path | str, drive: Drive, metadata: Mapping[str, str]) 
         _draw_ends(axes, drive)
         axes.set_xlabel("metres east", fontsize=8)
         axes.set_ylabel("metres north", fontsize=8)
+        # Northings are large: an offset above the axis would lie over the heading.
+        axes.ticklabel_format(style="plain", useOffset=False)
         key = add_axes_in(figure, _LEFT_IN + width_in + _GAP_IN, top_in - inner_in, _KEY_IN, inner_in)
         _draw_key(key, drive, inner_in, marks)
         _draw_scale(axes, extent.east_m - extent.west_m, (width_in, height_in))
