@@ -13,16 +13,28 @@ use super::thread::{Leg, Search, Threading, on_run};
 /// Distance kept from obstacles on such a way at rest, in metres.
 pub(super) const THREAD_MARGIN_M: f64 = 0.03;
 
-/// Share of the greatest speed on such a way.
+/// Share of the greatest speed on such a way, and where there is room to turn on the spot and this much more.
 const SHARE: f64 = 0.4;
+const WIDE_SHARE: f64 = 0.8;
+const WIDE_M: f64 = 0.15;
+
+/// Widest turn that is driven on the way, where there is room, instead of on the spot.
+const BEND_RAD: f64 = 0.7;
 
 /// A heading that is off by less is that of the leg; a place by less, its end.
 const TURNED_RAD: f64 = 0.03;
 const THERE_M: f64 = 0.02;
 
 /// Seconds without a step forward after which another way is searched, and how often in a row.
-const BLOCKED_S: f64 = 1.5;
+const BLOCKED_S: f64 = 0.7;
 const MOST_SEARCHES: u32 = 6;
+
+/// Metres on such a way after which it counts as one that leads somewhere.
+const HEADWAY_M: f64 = 1.0;
+
+/// The usual way is as good when it is at most this much longer.
+const AS_GOOD: f64 = 1.3;
+const AS_GOOD_M: f64 = 1.0;
 
 /// Ways that are begun to a goal that something stands on.
 const MOST_TO_BLOCKED: u32 = 2;
@@ -39,6 +51,8 @@ pub(super) struct Thread {
     tight: bool,
     blocked_since_s: Option<f64>,
     searches: u32,
+    /// Where the last search began.
+    searched_at: Option<Position>,
     /// How many began since the goal was set.
     begun: u32,
     failed_s: Option<f64>,
@@ -93,11 +107,12 @@ impl Navigator {
             .thread
             .from
             .is_some_and(|from| from.distance_m(at) > self.thread.leave_m);
-        let is_open = self
-            .window
-            .as_ref()
-            .is_some_and(|window| window.is_open(at) && !window.way.is_empty());
-        if left_behind && is_open {
+        let rest_m: f64 = self.thread.legs[self.thread.leg..].iter().map(Leg::length_m).sum();
+        let is_as_good = self.window.as_ref().is_some_and(|window| {
+            let is_short = !window.goal_inside || window.length_m() <= AS_GOOD * rest_m + AS_GOOD_M;
+            window.is_open(at) && !window.way.is_empty() && is_short
+        });
+        if left_behind && is_as_good {
             return Threaded::Done;
         }
         let wanted = self.on_leg(now);
@@ -122,6 +137,14 @@ impl Navigator {
                 self.thread.failed_s = Some(now.time_s);
                 return Threaded::Lost;
             }
+            if self
+                .thread
+                .searched_at
+                .is_none_or(|then| then.distance_m(now.at()) > HEADWAY_M)
+            {
+                self.thread.searches = 0;
+            }
+            self.thread.searched_at = Some(now.at());
             self.thread.searches += 1;
             self.thread.legs.clear();
             let near_goal_m = 0.7 * self.params.arrival_m;
@@ -163,8 +186,10 @@ impl Navigator {
     }
 
     fn on_leg(&mut self, now: &Now) -> (f64, f64) {
+        let is_wide = self.is_wide();
         while let Some(&leg) = self.thread.legs.get(self.thread.leg) {
             let wanted = match leg {
+                Leg::Turn { to_rad } if is_wide && self.is_bend(now, to_rad) => None,
                 Leg::Turn { to_rad } => self.turn_to(now, to_rad),
                 Leg::Run {
                     from,
@@ -178,6 +203,19 @@ impl Navigator {
             }
         }
         (0.0, 0.0)
+    }
+
+    /// Whether there is room to turn on the spot, and more.
+    fn is_wide(&self) -> bool {
+        self.around.nearest_m() > self.shape.radius_m + WIDE_M
+    }
+
+    /// Whether a turn leads on in the direction of travel, so little that it is driven in passing.
+    fn is_bend(&self, now: &Now, to_rad: f64) -> bool {
+        let next = self.thread.legs.get(self.thread.leg + 1);
+        let goes_on = matches!(next, Some(Leg::Run { length_m, .. })
+            if now.speed_mps.abs() < ROLLS_MPS || now.speed_mps * length_m > 0.0);
+        goes_on && wrap(to_rad - now.pose.heading_rad).abs() < BEND_RAD
     }
 
     /// Turns to a heading; `None` when it is turned.
@@ -221,8 +259,15 @@ impl Navigator {
         };
         let steered = steered.clamp(-tightest, tightest);
         let braking_mps2 = self.braking_mps2(&now.pose, !backs);
-        let goes_on = matches!(self.thread.legs.get(self.thread.leg + 1),
-            Some(Leg::Run { length_m: next_m, .. }) if next_m * length_m > 0.0);
+        let is_wide = self.is_wide();
+        let after = &self.thread.legs[(self.thread.leg + 1).min(self.thread.legs.len())..];
+        let goes_on = match after {
+            [Leg::Run { length_m: next_m, .. }, ..] => next_m * length_m > 0.0,
+            [Leg::Turn { to_rad }, Leg::Run { length_m: next_m, .. }, ..] => {
+                is_wide && next_m * length_m > 0.0 && wrap(to_rad - now.pose.heading_rad).abs() < BEND_RAD
+            }
+            _ => false,
+        };
         let sight = Sight {
             grid: &self.grid,
             pose: &now.pose,
@@ -234,7 +279,12 @@ impl Navigator {
         });
         let free_m = free_m.min(self.allowed_m(&now.pose, steered, !backs, reach_m));
         let delay_s = now.age_s + now.step_s.min(0.5);
-        let calm_mps = (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m) * if backs { 0.5 } else { 1.0 };
+        let calm_mps = if is_wide && rest_m > 2.0 * shape.radius_m {
+            WIDE_SHARE * shape.max_speed_mps
+        } else {
+            (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m)
+        };
+        let calm_mps = calm_mps * if backs { 0.5 } else { 1.0 };
         let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
         if !goes_on {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);

@@ -221,6 +221,17 @@ impl Navigator {
         shape.speed_for(free_m - buffer_m, braking_mps2, now.age_s + now.step_s.min(0.5))
     }
 
+    /// The command, or one from which the vehicle still stops in time: however it moves now, it cannot be on another arc at once.
+    pub(super) fn guarded(&self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
+        let moves = (now.speed_mps, now.turn_rate_radps);
+        let told_s = now.age_s + 2.0 * now.step_s.min(0.5);
+        [1.0, 0.5, 0.25]
+            .map(|share| (share * wanted.0, share * wanted.1))
+            .into_iter()
+            .find(|&told| self.around.stays_clear(&self.shape, moves, told, told_s))
+            .unwrap_or((0.0, 0.0))
+    }
+
     /// Metres along an arc before the middle of the robot would come onto ground that the map forbids.
     pub(super) fn allowed_m(&self, pose: &Pose, curvature_per_m: f64, forward: bool, reach_m: f64) -> f64 {
         let Some(region) = self.region.as_ref() else {

@@ -1,5 +1,7 @@
 //! The pipeline of a step.
 
+use std::collections::VecDeque;
+
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::nest::Navigability;
@@ -69,6 +71,8 @@ pub struct Navigator {
     pub(super) met: Met,
     pub(super) thread: Thread,
     pub(super) movers: Movers,
+    /// Where the last scans met something, by their time.
+    pub(super) fresh: VecDeque<(f64, Vec<(f64, f64)>)>,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -148,6 +152,7 @@ impl Navigator {
             met: Met::new(),
             thread: Thread::default(),
             movers: Movers::default(),
+            fresh: VecDeque::new(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -296,6 +301,13 @@ impl Navigator {
             SURE,
             self.margin_m(seen.speed_mps),
         );
+        self.around.add(
+            self.fresh.iter().flat_map(|(_, places)| places).copied(),
+            (&self.grid, SURE),
+            &pose,
+            &self.shape,
+            reach_m,
+        );
         if let Some(reason) = self.own_ground(at) {
             self.end = Some((Status::Stopped, reason));
             return stand(Status::Stopped, reason);
@@ -328,13 +340,15 @@ impl Navigator {
         if self.params.recover
             && let Some((wanted, status, reason)) = self.recover(&now)
         {
-            return (self.give_way(&now, wanted), status, reason);
+            let wanted = self.give_way(&now, wanted);
+            return (self.guarded(&now, wanted), status, reason);
         }
         if let Some((status, reason)) = self.end {
             return stand(status, reason);
         }
         let wanted = self.drive(&now);
         let wanted = self.give_way(&now, wanted);
+        let wanted = self.guarded(&now, wanted);
         match self.recovery {
             Some(_) => (wanted, Status::Recovering, Reason::GroundNoGo),
             None => (wanted, Status::Driving, Reason::OnTheWay),
@@ -362,6 +376,7 @@ impl Navigator {
             self.memory.clear();
             self.met.clear();
             self.movers.clear();
+            self.fresh.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();
@@ -375,6 +390,7 @@ impl Navigator {
     /// Forgets what the drive was busy with.
     pub(super) fn start_over(&mut self) {
         self.watch.restart();
+        self.watch.forget_places();
         self.recovery = None;
         self.walk = Walk::default();
         self.thread = Thread::default();
@@ -489,6 +505,10 @@ impl Navigator {
         self.watch
             .note(seen.time_s, step_s, pose, seen.speed_mps, told_mps, self.params.trap_s);
         let at = Position::new(pose.x_m, pose.y_m);
+        if self.recovery.is_none() {
+            self.watch
+                .note_place(pose.x_m, pose.y_m, (0.5 * self.shape.radius_m).max(0.5));
+        }
         let away_m = (4.0 * self.shape.radius_m).max(3.0);
         if self.trap_at.is_some_and(|trap| trap.distance_m(at) > away_m) {
             self.trap_at = None;

@@ -252,7 +252,9 @@ impl Navigator {
             self.feel_ahead(now);
             return self.begin(backs, at);
         }
-        if self.attempts >= 2 && self.may_thread(now.time_s) {
+        let goes_round = self.watch.goes_round();
+        self.watch.forget_places();
+        if (self.attempts >= 2 || goes_round) && self.may_thread(now.time_s) {
             let recovery = self.begin_thread(at);
             return self.begin(recovery, at);
         }

@@ -16,6 +16,10 @@ pub(super) struct Surroundings {
     margin_m: f64,
 }
 
+/// Distance in metres that a stop keeps at least, and how much nearer than now it may come.
+const HARD_M: f64 = 0.02;
+const SLACK_M: f64 = 0.003;
+
 /// Side of the steps in which a way is tried, in cells.
 const STEP_CELLS: f64 = 1.0;
 
@@ -29,20 +33,14 @@ impl Surroundings {
         self.margins.clear();
         self.cell_size_m = grid.params().cell_size_m;
         self.margin_m = margin_m;
-        let size = self.cell_size_m;
         let (sin, cos) = pose.heading_rad.sin_cos();
         let (row, column) = grid.cell_of(pose.x_m, pose.y_m);
-        let half = ((reach_m + shape.radius_m) / size).ceil() as i64;
+        let half = ((reach_m + shape.radius_m) / self.cell_size_m).ceil() as i64;
         let half = half.min(grid.side_cells() as i64 / 2);
         grid.each_sure((row, column), half, sure, |(down, right)| {
             let mut take = |(x_m, y_m): (f64, f64)| {
                 let (x_m, y_m) = (x_m - pose.x_m, y_m - pose.y_m);
-                let (ahead, left) = (cos * x_m + sin * y_m, cos * y_m - sin * x_m);
-                let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
-                self.points.push((ahead, left));
-                // What is near already may come a little nearer in a step, but not by less than it is known to.
-                let least_m = (0.3 * size).min(0.03).min(beyond - 1e-4);
-                self.margins.push((beyond - 0.2 * size).max(least_m).min(margin_m));
+                self.push(shape, (cos * x_m + sin * y_m, cos * y_m - sin * x_m));
             };
             // Far away one place of a cell is enough.
             let (x_m, y_m) = grid.met_at((down, right));
@@ -53,6 +51,109 @@ impl Surroundings {
                 take((x_m, y_m));
             }
         });
+    }
+
+    /// Adds places where something was met that the grid is not sure of.
+    pub fn add(
+        &mut self,
+        places: impl Iterator<Item = (f64, f64)>,
+        (grid, sure): (&CertaintyGrid, u8),
+        pose: &Pose,
+        shape: &Shape,
+        reach_m: f64,
+    ) {
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        for (x_m, y_m) in places {
+            let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
+            if dx.hypot(dy) > reach_m || grid.certainty_at(x_m, y_m).is_some_and(|certainty| certainty >= sure) {
+                continue;
+            }
+            self.push(shape, (cos * dx + sin * dy, cos * dy - sin * dx));
+        }
+    }
+
+    fn push(&mut self, shape: &Shape, (ahead, left): (f64, f64)) {
+        let size = self.cell_size_m;
+        let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
+        self.points.push((ahead, left));
+        // What is near already may come a little nearer in a step, but not by less than it is known to.
+        let least_m = (0.3 * size).min(0.03).min(beyond - 1e-4);
+        self.margins.push((beyond - 0.2 * size).max(least_m).min(self.margin_m));
+    }
+
+    /// Metres from the body's origin to the nearest obstacle.
+    pub fn nearest_m(&self) -> f64 {
+        self.points
+            .iter()
+            .map(|&(x, y)| x.hypot(y))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether the vehicle stays clear of everything when it is told a command for some seconds and then brakes to a stop: it
+    /// follows both no faster than it can, so that arcs begin and end as those that it drives now.
+    pub fn stays_clear(&self, shape: &Shape, (mut speed, mut turn): (f64, f64), told: (f64, f64), told_s: f64) -> bool {
+        const PIECE_S: f64 = 0.05;
+        const MOST_PIECES: usize = 200;
+        let spin = shape.acceleration_mps2 / shape.half_width_m;
+        let ahead_m = speed.abs().max(told.0.abs());
+        let hull_m = shape.radius_m + ahead_m * (told_s + PIECE_S) + shape.stopping_m(ahead_m);
+        let near: Vec<(f64, f64, f64)> = self
+            .points
+            .iter()
+            .zip(&self.margins)
+            .filter(|&(&(x, y), _)| x.hypot(y) < hull_m)
+            .map(|(&(x, y), &margin_m)| (x, y, margin_m.min(HARD_M) - SLACK_M))
+            .collect();
+        if near.is_empty() {
+            return true;
+        }
+        let (mut x_m, mut y_m, mut heading_rad) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for piece in 0..MOST_PIECES {
+            let brakes = piece as f64 * PIECE_S >= told_s;
+            if brakes && speed.abs() < 1e-3 && turn.abs() < 0.05 {
+                return true;
+            }
+            let (to_mps, to_radps) = if brakes {
+                // On the same arc.
+                let slower = (speed.abs() - shape.braking_mps2 * PIECE_S).max(0.0);
+                (
+                    0.0,
+                    if speed.abs() > 0.1 {
+                        turn * slower / speed.abs()
+                    } else {
+                        0.0
+                    },
+                )
+            } else {
+                told
+            };
+            let gains = to_mps * speed >= 0.0 && to_mps.abs() > speed.abs();
+            let most = PIECE_S
+                * if gains {
+                    shape.acceleration_mps2
+                } else {
+                    shape.braking_mps2
+                };
+            speed += (to_mps - speed).clamp(-most, most);
+            turn += (to_radps - turn).clamp(-spin * PIECE_S, spin * PIECE_S);
+            let middle_rad = heading_rad + turn * PIECE_S / 2.0;
+            x_m += speed * PIECE_S * middle_rad.cos();
+            y_m += speed * PIECE_S * middle_rad.sin();
+            heading_rad += turn * PIECE_S;
+            let (sin, cos) = heading_rad.sin_cos();
+            for &(px, py, margin_m) in &near {
+                let (dx, dy) = (px - x_m, py - y_m);
+                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                if (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m) < margin_m {
+                    // What touches already must at least be left behind.
+                    let leaves = margin_m <= 0.0 && dx.hypot(dy) >= px.hypot(py);
+                    if !leaves {
+                        return false;
+                    }
+                }
+            }
+        }
+        true
     }
 
     /// Metres that the footprint can go along an arc before it meets an obstacle, or ground that was not seen. Curvature is

@@ -10,6 +10,10 @@ use super::navigator::{Navigator, Observation, is_place};
 pub(super) const SURE: u8 = 6;
 const GONE: u8 = 3;
 
+/// The last scans whose every return counts, and for how many seconds.
+const FRESH_SCANS: usize = 4;
+const FRESH_S: f64 = 0.5;
+
 /// Memory cells are this many certainty cells wide.
 pub(super) const MEMORY_CELLS: i64 = 2;
 
@@ -40,6 +44,7 @@ impl Navigator {
         self.refused = None;
         self.scan_time_s = Some(seen.time_s);
         self.take_in(pose, scan);
+        self.note_fresh(seen.time_s, pose, scan);
         self.movers.work_out(seen.time_s, &self.grid, SURE);
     }
 
@@ -53,6 +58,30 @@ impl Navigator {
             None => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
         }
         self.remember();
+    }
+
+    /// Notes where a scan met something: a single return makes the robot brake, whatever the certainty grid says yet.
+    fn note_fresh(&mut self, time_s: f64, pose: &Pose, scan: &Scan) {
+        let attitude = self
+            .region
+            .as_ref()
+            .and_then(|region| region.attitude(pose, scan, &self.params));
+        let sensor = pose.of_mount(&scan.mount);
+        let places = (0..scan.ranges_m.len()).filter_map(|beam| {
+            let told = attitude
+                .as_ref()
+                .map_or_else(|| scan.beam(beam), |attitude| attitude.explain(scan, beam));
+            let Return::Obstacle { range_m } = told else {
+                return None;
+            };
+            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
+            Some((sensor.x_m + cos * range_m, sensor.y_m + sin * range_m))
+        });
+        let places = places.collect();
+        self.fresh.push_back((time_s, places));
+        while self.fresh.len() > FRESH_SCANS || self.fresh.front().is_some_and(|&(then, _)| then < time_s - FRESH_S) {
+            self.fresh.pop_front();
+        }
     }
 
     /// Takes in one beam as a cone.

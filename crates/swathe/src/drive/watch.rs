@@ -20,6 +20,10 @@ const SLIP_M: f64 = 0.3;
 /// Share of the wheels' way that must be lost to count as slipping.
 const SLIP_SHARE: f64 = 0.7;
 
+/// Earlier passes of a place that show that the drive goes round, and how many of the last places do not count for one.
+const PASSES: usize = 3;
+const LATELY: usize = 8;
+
 #[derive(Clone, Copy, Debug)]
 struct Moment {
     time_s: f64,
@@ -41,9 +45,42 @@ pub(super) struct Watch {
     measured_m: f64,
     turned_m: f64,
     commanded_m: f64,
+    /// Places of the drive, in order and some way apart, and how often the last of them was passed before.
+    crumbs: Vec<(f64, f64)>,
+    passes: usize,
 }
 
 impl Watch {
+    /// Takes in a place of the drive.
+    pub fn note_place(&mut self, x_m: f64, y_m: f64, apart_m: f64) {
+        let away_m = |crumb: &(f64, f64)| (crumb.0 - x_m).hypot(crumb.1 - y_m);
+        if self.crumbs.last().is_some_and(|last| away_m(last) < apart_m) {
+            return;
+        }
+        let old = self.crumbs.len().saturating_sub(LATELY);
+        let is_here: Vec<bool> = self.crumbs[..old]
+            .iter()
+            .map(|crumb| away_m(crumb) < 0.8 * apart_m)
+            .collect();
+        self.passes = is_here
+            .iter()
+            .zip(is_here.iter().skip(1))
+            .filter(|&(&one, &next)| one && !next)
+            .count();
+        self.crumbs.push((x_m, y_m));
+    }
+
+    /// Forgets the places of the drive.
+    pub fn forget_places(&mut self) {
+        self.crumbs.clear();
+        self.passes = 0;
+    }
+
+    /// Whether the drive comes to the same place again and again.
+    pub fn goes_round(&self) -> bool {
+        self.passes >= PASSES
+    }
+
     /// Forgets the last seconds.
     pub fn restart(&mut self) {
         self.moments.clear();
@@ -85,7 +122,7 @@ impl Watch {
     /// Whether the robot stays in one place: nowhere in the last seconds was it farther away than `near_m`.
     pub fn trap(&self, seconds: f64, near_m: f64) -> Option<Reason> {
         let (first, last) = (self.moments.front()?, self.moments.back()?);
-        if self.reversals.len() >= REVERSALS {
+        if self.reversals.len() >= REVERSALS || self.goes_round() {
             return Some(Reason::Oscillating);
         }
         if last.time_s - first.time_s < seconds {

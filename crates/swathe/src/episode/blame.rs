@@ -150,11 +150,18 @@ fn sees(world: &World, laser: &Laser, state: &BodyState, target: Position, radiu
     if along_rad > fan_rad + laser.angle_increment_rad / 2.0 || away_m - radius_m > laser.range_max_m {
         return false;
     }
-    let beam = Laser {
-        beams: 1,
-        angle_min_rad: bearing_rad,
+    // The beams of the fan on either side: a thing between them was not to be seen.
+    let below = (along_rad / laser.angle_increment_rad)
+        .floor()
+        .min((laser.beams - 1) as f64);
+    let count = if below as usize + 1 < laser.beams { 2 } else { 1 };
+    let beams = Laser {
+        beams: count,
+        angle_min_rad: laser.angle_min_rad + below * laser.angle_increment_rad,
         ..laser.clone()
     };
-    let ranges_m = beam.true_ranges_m(world, &state.pose, state.height_m, state.time_s);
-    (ranges_m[0] - (away_m - radius_m)).abs() <= NEAR_M
+    let ranges_m = beams.true_ranges_m(world, &state.pose, state.height_m, state.time_s);
+    ranges_m
+        .iter()
+        .any(|range_m| (range_m - (away_m - radius_m)).abs() <= NEAR_M)
 }

@@ -1,0 +1,215 @@
+//! The search for a vehicle with a turning circle: arcs and straights, forwards and backwards.
+
+use std::cmp::Ordering;
+use std::collections::{BinaryHeap, HashMap};
+use std::f64::consts::TAU;
+
+use crate::grid::Position;
+
+use super::field::Field;
+use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Threading, UNSEEN_FACTOR, WEIGHT, after};
+
+/// States that are looked at in one step of the navigator, and in all.
+const WORK_PER_STEP: usize = 1500;
+const MOST_STATES: usize = 600_000;
+
+/// Turning back costs as much as this many radii of the footprint.
+const CUSP_RADII: f64 = 1.0;
+
+/// Headings that are told apart, and how much wider than its least circle the vehicle plans.
+const HEADINGS: f64 = 64.0;
+const WIDER: f64 = 1.05;
+
+/// A state: its cell, and a sixty-fourth of the turn.
+type Key = (i64, i64, u16);
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    at: (f64, f64, f64),
+    cost_m: f64,
+    from: u32,
+    leg: Leg,
+    backs: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    bound_m: f64,
+    node: u32,
+}
+
+impl PartialEq for Open {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Open {}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Open {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.bound_m.total_cmp(&self.bound_m).then(other.node.cmp(&self.node))
+    }
+}
+
+/// Such a search.
+pub(super) struct Arcs {
+    start: (f64, f64, f64),
+    goal: Position,
+    near_goal_m: f64,
+    turn_radius_m: f64,
+    nodes: Vec<Node>,
+    best: HashMap<Key, f64>,
+    open: BinaryHeap<Open>,
+}
+
+impl Arcs {
+    pub fn new(start: (f64, f64, f64), goal: Position, near_goal_m: f64, turn_radius_m: f64) -> Self {
+        Self {
+            start,
+            goal,
+            near_goal_m,
+            turn_radius_m,
+            nodes: Vec::new(),
+            best: HashMap::new(),
+            open: BinaryHeap::new(),
+        }
+    }
+
+    /// Puts the robot's own pose into the queue.
+    pub fn begin(&mut self, field: &Field) {
+        let leg = Leg::Turn { to_rad: self.start.2 };
+        self.reach(field, self.start, 0.0, u32::MAX, leg, false);
+    }
+
+    fn key(field: &Field, (x_m, y_m, heading_rad): (f64, f64, f64)) -> Key {
+        let (row, column) = field.cell(x_m, y_m);
+        let sector = (heading_rad.rem_euclid(TAU) / TAU * HEADINGS).round() as u16 % HEADINGS as u16;
+        (row, column, sector)
+    }
+
+    fn reach(&mut self, field: &Field, at: (f64, f64, f64), cost_m: f64, from: u32, leg: Leg, backs: bool) {
+        let Some(to_go_m) = field.at(at.0, at.1).and_then(|index| field.to_go_m(index)) else {
+            return;
+        };
+        let key = Self::key(field, at);
+        if self.best.get(&key).is_some_and(|&best_m| best_m <= cost_m + 1e-9) {
+            return;
+        }
+        self.best.insert(key, cost_m);
+        self.open.push(Open {
+            bound_m: cost_m + WEIGHT * to_go_m,
+            node: self.nodes.len() as u32,
+        });
+        self.nodes.push(Node {
+            at,
+            cost_m,
+            from,
+            leg,
+            backs,
+        });
+    }
+
+    /// Goes on.
+    pub fn go_on(&mut self, field: &Field) -> Threading {
+        for _ in 0..WORK_PER_STEP {
+            let Some(Open { node, .. }) = self.open.pop() else {
+                return Threading::Nothing;
+            };
+            let now = self.nodes[node as usize];
+            let best_m = self.best.get(&Self::key(field, now.at));
+            if best_m.is_some_and(|&best_m| best_m < now.cost_m - 1e-9) {
+                continue;
+            }
+            if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
+                return Threading::Found(self.legs(node));
+            }
+            if self.nodes.len() > MOST_STATES {
+                return Threading::Nothing;
+            }
+            self.drive_from(field, node, &now);
+        }
+        Threading::On
+    }
+
+    /// Cost of a metre at a place.
+    fn factor(field: &Field, at: (f64, f64, f64), backs: bool) -> f64 {
+        let Some(index) = field.at(at.0, at.1) else {
+            return 1.0;
+        };
+        (if field.is_near(index) { NEAR_FACTOR } else { 1.0 })
+            * if backs { BACK_FACTOR } else { 1.0 }
+            * if field.is_known(index) { 1.0 } else { UNSEEN_FACTOR }
+    }
+
+    fn drive_from(&mut self, field: &Field, node: u32, now: &Node) {
+        let tightest = 1.0 / (WIDER * self.turn_radius_m);
+        // So long that an arc leads into another heading.
+        let length_m = (1.5 * field.size_m).max(1.1 * TAU / HEADINGS / tightest);
+        let steps = (length_m / field.size_m).ceil().max(2.0) as usize;
+        for side in [1.0, -1.0] {
+            let backs = side < 0.0;
+            for curvature_per_m in [0.0, tightest, -tightest, 0.5 * tightest, -0.5 * tightest] {
+                let poses: Vec<(f64, f64, f64)> = (1..=steps)
+                    .map(|k| after(now.at, curvature_per_m, side * length_m * k as f64 / steps as f64))
+                    .collect();
+                if !poses.iter().all(|&pose| field.is_free(pose)) {
+                    continue;
+                }
+                let to = poses[steps - 1];
+                if backs && !field.sees_behind(to) {
+                    continue;
+                }
+                let leg = Leg::Run {
+                    from: now.at,
+                    curvature_per_m,
+                    length_m: side * length_m,
+                };
+                let turns_back = if now.from != u32::MAX && backs != now.backs {
+                    CUSP_RADII * field.radius_m
+                } else {
+                    0.0
+                };
+                let cost_m = now.cost_m + length_m * Self::factor(field, to, backs) + turns_back;
+                self.reach(field, to, cost_m, node, leg, backs);
+            }
+        }
+    }
+
+    /// The legs to a node, those that go on alike put together.
+    fn legs(&self, mut node: u32) -> Vec<Leg> {
+        let mut all = Vec::new();
+        while let Some(now) = self.nodes.get(node as usize)
+            && now.from != u32::MAX
+        {
+            all.push(now.leg);
+            node = now.from;
+        }
+        let mut legs: Vec<Leg> = Vec::new();
+        for leg in all.into_iter().rev() {
+            match (legs.last_mut(), leg) {
+                (Some(Leg::Turn { to_rad }), Leg::Turn { to_rad: further }) => *to_rad = further,
+                (
+                    Some(Leg::Run {
+                        curvature_per_m: before,
+                        length_m: sofar_m,
+                        ..
+                    }),
+                    Leg::Run {
+                        curvature_per_m,
+                        length_m,
+                        ..
+                    },
+                ) if (*before - curvature_per_m).abs() < 1e-12 && *sofar_m * length_m > 0.0 => *sofar_m += length_m,
+                _ => legs.push(leg),
+            }
+        }
+        legs
+    }
+}

@@ -1,0 +1,372 @@
+//! What was met around robot and goal, on a lattice through the robot's place.
+
+use crate::grid::Position;
+use crate::sensor::Pose;
+
+use super::super::memory::Seen;
+use super::super::params::Shape;
+use super::Known;
+
+/// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
+pub(super) const MARGIN_M: f64 = 0.06;
+
+/// Within this many metres of the circle around the footprint ground costs more.
+const NEAR_M: f64 = 0.15;
+
+/// Cells that a search looks at beyond robot and goal, and at most along a side.
+pub(super) const AROUND_CELLS: i64 = 128;
+pub(super) const MOST_CELLS: i64 = 640;
+
+/// Tenths of a cell from one cell to the next, straight and across, and how much longer ground is that was never seen.
+const STRAIGHT: u32 = 10;
+const ACROSS: u32 = 14;
+const UNSEEN: (u32, u32) = (3, 2);
+
+/// No way from a cell to the goal.
+const NONE: u32 = u32::MAX;
+
+/// Steps of laying a field, each in portions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// How near things are, by occupied cell.
+    Nearness(usize),
+    /// How far it is to the goal, by that distance.
+    Distances(u32),
+    Done,
+}
+
+/// What was met around robot and goal.
+pub(super) struct Field {
+    pub size_m: f64,
+    /// Place of the first cell's middle, north-west.
+    origin: (f64, f64),
+    pub rows: i64,
+    pub columns: i64,
+    /// Where the points of each cell begin; one more at the end.
+    slots: Vec<u32>,
+    /// East, north, and how near it may come to the footprint.
+    points: Vec<(f64, f64, f64)>,
+    /// From the middle of every cell to what was met nearest, as far as it matters; nearer by what it may come nearer.
+    near_m: Vec<f32>,
+    known: Vec<bool>,
+    /// To the goal for a disc that fits into the footprint, in tenths of a cell.
+    to_go: Vec<u32>,
+    /// Cells by their distance, modulo the number of these.
+    buckets: Vec<Vec<u32>>,
+    stage: Stage,
+    reach: i64,
+    closes_m: f64,
+    pub half_length_m: f64,
+    pub half_width_m: f64,
+    pub radius_m: f64,
+}
+
+impl std::fmt::Debug for Field {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        to.debug_struct("Field")
+            .field("points", &self.points.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Field {
+    /// A field from a pose to within some metres of a goal, still to be laid.
+    pub fn new(
+        (met, memory, grid): Known,
+        shape: &Shape,
+        pose: &Pose,
+        (goal, near_goal_m): (Position, f64),
+        closes_m: f64,
+    ) -> Self {
+        let size_m = grid.params().cell_size_m;
+        let offset = |to: Position| {
+            let (right, down) = ((to.x_m - pose.x_m) / size_m, (pose.y_m - to.y_m) / size_m);
+            (down.round() as i64, right.round() as i64)
+        };
+        let range = |to: i64| {
+            let (low, high) = (to.min(0) - AROUND_CELLS, to.max(0) + AROUND_CELLS);
+            (low, (high - low + 1).clamp(1, MOST_CELLS))
+        };
+        let there = offset(goal);
+        let ((first_row, rows), (first_column, columns)) = (range(there.0), range(there.1));
+        let origin = (
+            pose.x_m + first_column as f64 * size_m,
+            pose.y_m - first_row as f64 * size_m,
+        );
+        let count = (rows * columns) as usize;
+        let reach_m = shape.radius_m + MARGIN_M + NEAR_M + size_m;
+        let mut field = Self {
+            size_m,
+            origin,
+            rows,
+            columns,
+            slots: vec![0; count + 1],
+            points: Vec::new(),
+            near_m: vec![reach_m as f32; count],
+            known: vec![false; count],
+            to_go: vec![NONE; count],
+            buckets: vec![Vec::new(); 32],
+            stage: Stage::Nearness(0),
+            reach: (reach_m / size_m).ceil() as i64,
+            closes_m,
+            half_length_m: shape.half_length_m,
+            half_width_m: shape.half_width_m,
+            radius_m: shape.radius_m,
+        };
+        field.place(met, grid, pose);
+        for row in 0..rows {
+            for column in 0..columns {
+                let (x_m, y_m) = field.middle((row, column));
+                field.known[(row * columns + column) as usize] = memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
+            }
+        }
+        let near = (near_goal_m / size_m).ceil() as i64 + 1;
+        let there = (there.0 - first_row, there.1 - first_column);
+        for row in there.0 - near..=there.0 + near {
+            for column in there.1 - near..=there.1 + near {
+                let Some(index) = field.index((row, column)) else {
+                    continue;
+                };
+                let (x_m, y_m) = field.middle((row, column));
+                if goal.distance_m(Position::new(x_m, y_m)) <= near_goal_m {
+                    field.to_go[index] = 0;
+                }
+            }
+        }
+        field
+    }
+
+    /// Sorts what was met into the cells.
+    fn place(&mut self, met: &super::Met, grid: &crate::local::CertaintyGrid, pose: &Pose) {
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        let mut placed: Vec<(u32, (f64, f64, f64))> = Vec::new();
+        for (&cell, &parts) in met {
+            for (x_m, y_m) in grid.places_of(cell, parts) {
+                let Some(index) = self.at(x_m, y_m) else { continue };
+                let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
+                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                let beyond_m = (ahead.abs() - self.half_length_m).max(left.abs() - self.half_width_m);
+                // What is nearer already may stay as near.
+                let margin_m = self.closes_m.min(beyond_m - 0.01).max(-0.05);
+                placed.push((index as u32, (x_m, y_m, margin_m)));
+            }
+        }
+        // The order of the map is another one in every run.
+        placed.sort_by(|one, other| {
+            let by_place = |a: &(f64, f64, f64), b: &(f64, f64, f64)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+            one.0.cmp(&other.0).then_with(|| by_place(&one.1, &other.1))
+        });
+        for &(index, _) in &placed {
+            self.slots[index as usize + 1] += 1;
+        }
+        for index in 1..self.slots.len() {
+            self.slots[index] += self.slots[index - 1];
+        }
+        self.points = placed.into_iter().map(|(_, point)| point).collect();
+    }
+
+    /// Goes on laying for about so many cells; true when all is laid.
+    pub fn lay_on(&mut self, work: usize) -> bool {
+        match self.stage {
+            Stage::Done => return true,
+            Stage::Nearness(first) => {
+                let end = self.spread(first, work);
+                self.stage = if end < self.near_m.len() {
+                    Stage::Nearness(end)
+                } else {
+                    self.begin_distances();
+                    Stage::Distances(0)
+                };
+            }
+            Stage::Distances(level) => {
+                self.stage = self.measure(level, work).map_or(Stage::Done, Stage::Distances);
+            }
+        }
+        self.stage == Stage::Done
+    }
+
+    /// Tells the cells around occupied ones how near these are; returns where to go on.
+    fn spread(&mut self, first: usize, work: usize) -> usize {
+        let mut done = 0;
+        for index in first..self.near_m.len() {
+            let (from, to) = (self.slots[index] as usize, self.slots[index + 1] as usize);
+            done += 1;
+            if from == to {
+                continue;
+            }
+            let cell = (index as i64 / self.columns, index as i64 % self.columns);
+            for row in cell.0 - self.reach..=cell.0 + self.reach {
+                for column in cell.1 - self.reach..=cell.1 + self.reach {
+                    let Some(around) = self.index((row, column)) else {
+                        continue;
+                    };
+                    let (x_m, y_m) = self.middle((row, column));
+                    let mut near_m = self.near_m[around];
+                    for &(px, py, margin_m) in &self.points[from..to] {
+                        let away_m = (px - x_m).hypot(py - y_m) + self.closes_m - margin_m;
+                        near_m = near_m.min(away_m as f32);
+                    }
+                    self.near_m[around] = near_m;
+                }
+            }
+            done += ((2 * self.reach + 1).pow(2) as usize * (to - from)) / 16;
+            if done > work {
+                return index + 1;
+            }
+        }
+        self.near_m.len()
+    }
+
+    /// Where a disc that fits into the footprint may be.
+    fn lets_disc(&self, index: usize) -> bool {
+        f64::from(self.near_m[index]) >= self.half_length_m.min(self.half_width_m) + self.closes_m - 1e-3
+    }
+
+    fn begin_distances(&mut self) {
+        for index in 0..self.to_go.len() {
+            if self.to_go[index] == 0 {
+                if self.lets_disc(index) {
+                    self.buckets[0].push(index as u32);
+                } else {
+                    self.to_go[index] = NONE;
+                }
+            }
+        }
+    }
+
+    /// Dijkstra from the goal by whole distances (Dial, "Algorithm 360", Communications of the ACM 12, 1969); returns at which
+    /// distance to go on.
+    fn measure(&mut self, mut level: u32, work: usize) -> Option<u32> {
+        const WAYS: [(i64, i64, u32); 8] = [
+            (0, 1, STRAIGHT),
+            (1, 0, STRAIGHT),
+            (0, -1, STRAIGHT),
+            (-1, 0, STRAIGHT),
+            (1, 1, ACROSS),
+            (1, -1, ACROSS),
+            (-1, 1, ACROSS),
+            (-1, -1, ACROSS),
+        ];
+        let count = self.buckets.len() as u32;
+        let mut done = 0;
+        let mut empty = 0;
+        while empty < count {
+            let mut bucket = std::mem::take(&mut self.buckets[(level % count) as usize]);
+            empty = if bucket.is_empty() { empty + 1 } else { 0 };
+            done += bucket.len();
+            for index in bucket.drain(..) {
+                let index = index as usize;
+                if self.to_go[index] != level {
+                    continue;
+                }
+                let (row, column) = (index as i64 / self.columns, index as i64 % self.columns);
+                for (down, right, length) in WAYS {
+                    let Some(next) = self.index((row + down, column + right)) else {
+                        continue;
+                    };
+                    let length = if self.known[next] {
+                        length
+                    } else {
+                        length * UNSEEN.0 / UNSEEN.1
+                    };
+                    let further = level + length;
+                    if further < self.to_go[next] && self.lets_disc(next) {
+                        self.to_go[next] = further;
+                        self.buckets[(further % count) as usize].push(next as u32);
+                    }
+                }
+            }
+            self.buckets[(level % count) as usize] = bucket;
+            level += 1;
+            if done > work {
+                return Some(level);
+            }
+        }
+        None
+    }
+
+    /// The middle of a cell.
+    pub fn middle(&self, (row, column): (i64, i64)) -> (f64, f64) {
+        (
+            self.origin.0 + column as f64 * self.size_m,
+            self.origin.1 - row as f64 * self.size_m,
+        )
+    }
+
+    /// The cell of a place, which may lie outside.
+    pub fn cell(&self, x_m: f64, y_m: f64) -> (i64, i64) {
+        (
+            ((self.origin.1 - y_m) / self.size_m).round() as i64,
+            ((x_m - self.origin.0) / self.size_m).round() as i64,
+        )
+    }
+
+    pub fn index(&self, (row, column): (i64, i64)) -> Option<usize> {
+        let inside = (0..self.rows).contains(&row) && (0..self.columns).contains(&column);
+        inside.then_some((row * self.columns + column) as usize)
+    }
+
+    pub fn at(&self, x_m: f64, y_m: f64) -> Option<usize> {
+        self.index(self.cell(x_m, y_m))
+    }
+
+    /// Whether the ground of a cell was seen.
+    pub fn is_known(&self, index: usize) -> bool {
+        self.known[index]
+    }
+
+    /// Metres to the goal from a cell for a disc that fits into the footprint.
+    pub fn to_go_m(&self, index: usize) -> Option<f64> {
+        let to_go = self.to_go[index];
+        (to_go != NONE).then(|| f64::from(to_go) * self.size_m / f64::from(STRAIGHT))
+    }
+
+    /// Whether something is so near to a cell's middle that the circle around the footprint would graze it.
+    pub fn is_near(&self, index: usize) -> bool {
+        f64::from(self.near_m[index]) < self.radius_m + NEAR_M
+    }
+
+    /// Whether the footprint may stand around a cell's middle in any heading, or in none; `None` where that must be looked at.
+    pub fn plainly(&self, index: usize) -> Option<bool> {
+        let near_m = f64::from(self.near_m[index]);
+        if near_m > self.radius_m + self.closes_m {
+            Some(true)
+        } else if self.lets_disc(index) {
+            None
+        } else {
+            Some(false)
+        }
+    }
+
+    /// Whether the footprint may stand at a pose.
+    pub fn is_free(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
+        let cell = self.cell(x_m, y_m);
+        let Some(index) = self.index(cell) else { return false };
+        if f64::from(self.near_m[index]) - 0.71 * self.size_m > self.radius_m + self.closes_m {
+            return true;
+        }
+        let (sin, cos) = heading_rad.sin_cos();
+        let reach = ((self.radius_m + self.closes_m) / self.size_m).ceil() as i64;
+        let columns = (cell.1 - reach).max(0)..(cell.1 + reach + 1).min(self.columns);
+        for row in (cell.0 - reach).max(0)..(cell.0 + reach + 1).min(self.rows) {
+            // The points of a row of cells follow each other.
+            let first = self.slots[(row * self.columns + columns.start) as usize] as usize;
+            let last = self.slots[(row * self.columns + columns.end) as usize] as usize;
+            for &(px, py, margin_m) in &self.points[first..last] {
+                let (dx, dy) = (px - x_m, py - y_m);
+                let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                if (ahead.abs() - self.half_length_m).max(left.abs() - self.half_width_m) < margin_m {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Whether what is behind at a pose was seen.
+    pub fn sees_behind(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
+        let back_m = self.half_length_m;
+        self.at(x_m - back_m * heading_rad.cos(), y_m - back_m * heading_rad.sin())
+            .is_some_and(|index| self.known[index])
+    }
+}

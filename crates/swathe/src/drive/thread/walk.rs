@@ -1,0 +1,334 @@
+//! The search for a vehicle that turns in place: along sixteen directions, with turns from one to the next.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::f64::consts::TAU;
+
+use crate::grid::Position;
+use crate::sensor::wrap;
+
+use super::field::Field;
+use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Threading, UNSEEN_FACTOR, WEIGHT};
+
+/// Steps (columns east, rows north) of the sixteen directions, counter-clockwise.
+const AXES: [(i64, i64); 16] = [
+    (1, 0),
+    (2, 1),
+    (1, 1),
+    (1, 2),
+    (0, 1),
+    (-1, 2),
+    (-1, 1),
+    (-2, 1),
+    (-1, 0),
+    (-2, -1),
+    (-1, -1),
+    (-1, -2),
+    (0, -1),
+    (1, -2),
+    (1, -1),
+    (2, -1),
+];
+const COUNT: usize = AXES.len();
+
+/// States that are looked at in one step of the navigator.
+const WORK_PER_STEP: usize = 6000;
+
+/// A turn costs as much as this many radii of the footprint by radian, and a little by itself.
+const TURN_RADII: f64 = 0.5;
+const TURN_M: f64 = 0.02;
+
+/// Widest turn from the robot's own heading to a direction.
+const FIRST_TURN_RAD: f64 = 0.5;
+
+/// Costs are whole tenths of millimetres, from 1 on: 0 was not reached.
+const UNITS: f64 = 10_000.0;
+
+/// Bit of a mask that was worked out.
+const KNOWN: u32 = 1 << 31;
+
+/// How a state was reached.
+const FORWARD: u8 = 0;
+const BACKWARD: u8 = 1;
+const LEFT: u8 = 2;
+const RIGHT: u8 = 3;
+const BEGIN: u8 = 4;
+
+fn axis_rad(axis: usize) -> f64 {
+    let (east, north) = AXES[axis % COUNT];
+    (north as f64).atan2(east as f64)
+}
+
+/// Such a search.
+pub(super) struct Walk {
+    start: (f64, f64, f64),
+    goal: Position,
+    near_goal_m: f64,
+    /// By cell, when it is looked at: bit k whether the footprint fits along the axis of direction k (and k + 8), bit 8 + k
+    /// whether it can turn from there to the next.
+    masks: Vec<u32>,
+    best: Vec<u32>,
+    from: Vec<u8>,
+    open: BinaryHeap<Reverse<(u32, u32)>>,
+}
+
+impl Walk {
+    pub fn new(field: &Field, start: (f64, f64, f64), goal: Position, near_goal_m: f64) -> Self {
+        let count = (field.rows * field.columns) as usize;
+        Self {
+            start,
+            goal,
+            near_goal_m,
+            masks: vec![0; count],
+            best: vec![0; count * COUNT],
+            from: vec![0; count * COUNT],
+            open: BinaryHeap::new(),
+        }
+    }
+
+    /// Puts the directions beside the robot's heading into the queue.
+    pub fn begin(&mut self, field: &Field) {
+        let (x_m, y_m, heading_rad) = self.start;
+        let Some(index) = field.at(x_m, y_m) else { return };
+        for axis in 0..COUNT {
+            let by_rad = wrap(axis_rad(axis) - heading_rad);
+            let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
+            let is_free =
+                || (1..=pieces as u32).all(|k| field.is_free((x_m, y_m, heading_rad + by_rad * f64::from(k) / pieces)));
+            if by_rad.abs() < FIRST_TURN_RAD && is_free() {
+                self.reach(field, index, axis, by_rad.abs() * TURN_RADII * field.radius_m, 0, BEGIN);
+            }
+        }
+    }
+
+    fn reach(&mut self, field: &Field, index: usize, axis: usize, by_m: f64, before: u32, how: u8) {
+        let Some(to_go_m) = field.to_go_m(index) else { return };
+        let cost = before.saturating_add((by_m * UNITS) as u32 + 1);
+        let state = index * COUNT + axis;
+        if self.best[state] != 0 && self.best[state] <= cost {
+            return;
+        }
+        self.best[state] = cost;
+        self.from[state] = how;
+        let bound = cost.saturating_add((WEIGHT * to_go_m * UNITS) as u32);
+        self.open.push(Reverse((bound, state as u32)));
+    }
+
+    /// Where the footprint fits in a cell.
+    fn mask(&mut self, field: &Field, index: usize) -> u32 {
+        let known = self.masks[index];
+        if known != 0 {
+            return known;
+        }
+        let mask = KNOWN
+            | match field.plainly(index) {
+                Some(true) => 0xffff,
+                Some(false) => 0,
+                None => {
+                    let (x_m, y_m) = field.middle((index as i64 / field.columns, index as i64 % field.columns));
+                    let mut mask = 0;
+                    for axis in 0..COUNT / 2 {
+                        mask |= u32::from(field.is_free((x_m, y_m, axis_rad(axis)))) << axis;
+                    }
+                    for axis in 0..COUNT / 2 {
+                        let next = (axis + 1) % (COUNT / 2);
+                        let half_rad = axis_rad(axis) + wrap(axis_rad(axis + 1) - axis_rad(axis)) / 2.0;
+                        let both = mask >> axis & mask >> next & 1 == 1;
+                        mask |= u32::from(both && field.is_free((x_m, y_m, half_rad))) << (COUNT / 2 + axis);
+                    }
+                    mask
+                }
+            };
+        self.masks[index] = mask;
+        mask
+    }
+
+    /// Goes on.
+    pub fn go_on(&mut self, field: &Field) -> Threading {
+        for _ in 0..WORK_PER_STEP {
+            let Some(Reverse((bound, state))) = self.open.pop() else {
+                return Threading::Nothing;
+            };
+            let (index, axis) = (state as usize / COUNT, state as usize % COUNT);
+            let cost = self.best[state as usize];
+            let to_go_m = field.to_go_m(index).unwrap_or(0.0);
+            if bound > cost.saturating_add((WEIGHT * to_go_m * UNITS) as u32) {
+                continue;
+            }
+            let cell = (index as i64 / field.columns, index as i64 % field.columns);
+            let (x_m, y_m) = field.middle(cell);
+            if Position::new(x_m, y_m).distance_m(self.goal) <= self.near_goal_m {
+                return Threading::Found(self.legs(field, state as usize));
+            }
+            let (east, north) = AXES[axis];
+            let length_m = (east as f64).hypot(north as f64) * field.size_m;
+            for side in [1, -1] {
+                let Some(next) = field.index((cell.0 - side * north, cell.1 + side * east)) else {
+                    continue;
+                };
+                if field.to_go_m(next).is_none() || self.mask(field, next) >> (axis % (COUNT / 2)) & 1 == 0 {
+                    continue;
+                }
+                let (to_x_m, to_y_m) = field.middle((cell.0 - side * north, cell.1 + side * east));
+                let heading_rad = axis_rad(axis);
+                let is_long = east.abs() + north.abs() > 2;
+                if is_long
+                    && field.plainly(next) != Some(true)
+                    && !field.is_free(((x_m + to_x_m) / 2.0, (y_m + to_y_m) / 2.0, heading_rad))
+                {
+                    continue;
+                }
+                let backs = side < 0;
+                if backs && !field.sees_behind((to_x_m, to_y_m, heading_rad)) {
+                    continue;
+                }
+                let factor = (if field.is_near(next) { NEAR_FACTOR } else { 1.0 })
+                    * if backs { BACK_FACTOR } else { 1.0 }
+                    * if field.is_known(next) { 1.0 } else { UNSEEN_FACTOR };
+                let how = if backs { BACKWARD } else { FORWARD };
+                self.reach(field, next, axis, length_m * factor, cost, how);
+            }
+            let mask = self.mask(field, index);
+            for (to, turn, how) in [
+                ((axis + 1) % COUNT, axis % (COUNT / 2), LEFT),
+                ((axis + COUNT - 1) % COUNT, (axis + COUNT - 1) % (COUNT / 2), RIGHT),
+            ] {
+                if mask >> (COUNT / 2 + turn) & 1 == 1 {
+                    let by_rad = wrap(axis_rad(to) - axis_rad(axis)).abs();
+                    self.reach(
+                        field,
+                        index,
+                        to,
+                        by_rad * TURN_RADII * field.radius_m + TURN_M,
+                        cost,
+                        how,
+                    );
+                }
+            }
+        }
+        Threading::On
+    }
+
+    /// The legs to a state.
+    fn legs(&self, field: &Field, last: usize) -> Vec<Leg> {
+        let mut steps = Vec::new();
+        let mut state = last;
+        loop {
+            let how = self.from[state];
+            steps.push((state, how));
+            let (index, axis) = (state / COUNT, state % COUNT);
+            let (east, north) = AXES[axis];
+            let side = if how == BACKWARD { -1 } else { 1 };
+            state = match how {
+                FORWARD | BACKWARD => {
+                    let before = (index as i64 + side * (north * field.columns - east)) as usize;
+                    before * COUNT + axis
+                }
+                LEFT => index * COUNT + (axis + COUNT - 1) % COUNT,
+                RIGHT => index * COUNT + (axis + 1) % COUNT,
+                _ => break,
+            };
+        }
+        let mut legs: Vec<Leg> = Vec::new();
+        for &(state, how) in steps.iter().rev() {
+            let (index, axis) = (state / COUNT, state % COUNT);
+            let to_rad = axis_rad(axis);
+            if !matches!(how, FORWARD | BACKWARD) {
+                match legs.last_mut() {
+                    Some(Leg::Turn { to_rad: last }) => *last = to_rad,
+                    _ => legs.push(Leg::Turn { to_rad }),
+                }
+                continue;
+            }
+            let side = if how == BACKWARD { -1.0 } else { 1.0 };
+            let (east, north) = (AXES[axis].0 as f64, AXES[axis].1 as f64);
+            let step_m = side * east.hypot(north) * field.size_m;
+            match legs.last_mut() {
+                Some(Leg::Run { length_m, .. }) if *length_m * side > 0.0 => *length_m += step_m,
+                _ => {
+                    let (x_m, y_m) = field.middle((index as i64 / field.columns, index as i64 % field.columns));
+                    let from = (
+                        x_m - side * east * field.size_m,
+                        y_m - side * north * field.size_m,
+                        to_rad,
+                    );
+                    legs.push(Leg::Run {
+                        from,
+                        curvature_per_m: 0.0,
+                        length_m: step_m,
+                    });
+                }
+            }
+        }
+        straighten(field, self.start, &legs)
+    }
+}
+
+/// The same way with fewer turns: from the end of a leg straight to the end of a later one, where that is free.
+fn straighten(field: &Field, start: (f64, f64, f64), legs: &[Leg]) -> Vec<Leg> {
+    // Ends of the runs, with the side on which each is driven.
+    let mut ends = vec![((start.0, start.1), 0.0)];
+    for leg in legs {
+        if let &Leg::Run { from, length_m, .. } = leg {
+            let (sin, cos) = from.2.sin_cos();
+            ends.push(((from.0 + cos * length_m, from.1 + sin * length_m), length_m.signum()));
+        }
+    }
+    let heading = |from: (f64, f64), to: (f64, f64), side: f64| (side * (to.1 - from.1)).atan2(side * (to.0 - from.0));
+    let turns_free = |at: (f64, f64), from_rad: f64, to_rad: f64| {
+        let by_rad = wrap(to_rad - from_rad);
+        let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
+        (0..=pieces as u32).all(|k| field.is_free((at.0, at.1, from_rad + by_rad * f64::from(k) / pieces)))
+    };
+    let runs_free = |from: (f64, f64), to: (f64, f64), heading_rad: f64| {
+        let length_m = (to.0 - from.0).hypot(to.1 - from.1);
+        let pieces = (length_m / (0.5 * field.size_m)).ceil().max(1.0);
+        (0..=pieces as u32).all(|k| {
+            let share = f64::from(k) / pieces;
+            field.is_free((
+                from.0 + share * (to.0 - from.0),
+                from.1 + share * (to.1 - from.1),
+                heading_rad,
+            ))
+        })
+    };
+    let mut kept: Vec<Leg> = Vec::new();
+    let mut heading_rad = start.2;
+    let mut k = 0;
+    while k + 1 < ends.len() {
+        let from = ends[k].0;
+        let side = ends[k + 1].1;
+        let alike = ends[k + 1..].iter().take_while(|end| end.1 == side).count();
+        let straight = (2..=alike).rev().map(|count| k + count).find(|&to| {
+            let to_rad = heading(from, ends[to].0, side);
+            let next_rad = ends
+                .get(to + 1)
+                .map_or(to_rad, |next| heading(ends[to].0, next.0, next.1));
+            runs_free(from, ends[to].0, to_rad)
+                && turns_free(from, heading_rad, to_rad)
+                && turns_free(ends[to].0, to_rad, next_rad)
+        });
+        let to = straight.unwrap_or(k + 1);
+        let to_rad = heading(from, ends[to].0, side);
+        let by_rad = wrap(to_rad - heading_rad);
+        if by_rad.abs() > 1e-9 {
+            if !turns_free(from, heading_rad, to_rad) {
+                // The other way round, in parts that are each the shorter way.
+                let round_rad = by_rad - by_rad.signum() * TAU;
+                kept.extend([1.0, 2.0].map(|third| Leg::Turn {
+                    to_rad: wrap(heading_rad + round_rad * third / 3.0),
+                }));
+            }
+            kept.push(Leg::Turn { to_rad });
+        }
+        let length_m = side * (ends[to].0.0 - from.0).hypot(ends[to].0.1 - from.1);
+        kept.push(Leg::Run {
+            from: (from.0, from.1, to_rad),
+            curvature_per_m: 0.0,
+            length_m,
+        });
+        heading_rad = to_rad;
+        k = to;
+    }
+    kept
+}
