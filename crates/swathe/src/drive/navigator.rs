@@ -489,7 +489,7 @@ impl Navigator {
         let share = if wanted_mps == 0.0 { 1.0 } else { speed_mps / wanted_mps };
         let rolls_mps = finite(seen.speed_mps);
         let turn_radps = if (wanted_mps, turn_radps) == (0.0, 0.0) && rolls_mps.abs() > ROLLS_MPS {
-            finite(seen.turn_rate_radps) * (1.0 - ROLLS_MPS / rolls_mps.abs())
+            finite(seen.turn_rate_radps) * (1.0 - self.shape.braking_mps2 * step_s / rolls_mps.abs()).max(0.0)
         } else {
             turn_radps * share
         };

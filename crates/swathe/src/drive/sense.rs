@@ -11,8 +11,8 @@ pub(super) const SURE: u8 = 6;
 const GONE: u8 = 3;
 
 /// The last scans whose every return counts, and for how many seconds.
-const FRESH_SCANS: usize = 4;
-const FRESH_S: f64 = 0.5;
+const FRESH_SCANS: usize = 40;
+const FRESH_S: f64 = 1.0;
 
 /// Memory cells are this many certainty cells wide.
 pub(super) const MEMORY_CELLS: i64 = 2;
