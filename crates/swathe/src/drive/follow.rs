@@ -36,11 +36,9 @@ const HEADWAY_M: f64 = 1.0;
 const AS_GOOD: f64 = 1.3;
 const AS_GOOD_M: f64 = 1.0;
 
-/// Ways that are begun to a goal that something stands on.
-const MOST_TO_BLOCKED: u32 = 2;
-
-/// Seconds after which a search that found nothing is worth another.
+/// Seconds after which a search that found nothing is worth another, doubled with each in a row.
 const AGAIN_S: f64 = 4.0;
+const MOST_DOUBLINGS: u32 = 6;
 
 /// A way of the footprint that is being searched or driven.
 #[derive(Debug, Default)]
@@ -53,9 +51,10 @@ pub(super) struct Thread {
     searches: u32,
     /// Where the last search began.
     searched_at: Option<Position>,
-    /// How many began since the goal was set.
-    begun: u32,
     failed_s: Option<f64>,
+    /// How many in a row found nothing, and whether the last saw the goal closed in.
+    failures: u32,
+    pub(super) goal_closed: bool,
     /// Where it began, and after how many metres the usual way is tried again: longer each time.
     from: Option<Position>,
     leave_m: f64,
@@ -71,12 +70,11 @@ pub(super) enum Threaded {
 impl Navigator {
     /// Whether a way of the footprint may be searched: not again right after nothing was found.
     pub(super) fn may_thread(&self, time_s: f64) -> bool {
-        self.params.memory && self.thread.failed_s.is_none_or(|failed| time_s - failed > AGAIN_S)
-    }
-
-    /// Whether one may be searched to a goal that something stands on: a few times, it may have been seen badly.
-    pub(super) fn may_thread_to_blocked(&self) -> bool {
-        self.thread.begun < MOST_TO_BLOCKED
+        self.params.memory
+            && self.thread.failed_s.is_none_or(|failed| {
+                let wait_s = AGAIN_S * f64::from(1 << self.thread.failures.saturating_sub(1).min(MOST_DOUBLINGS));
+                time_s - failed > wait_s
+            })
     }
 
     /// The recovery that searches and drives one.
@@ -91,7 +89,8 @@ impl Navigator {
             from: Some(at),
             leave_m,
             failed_s: self.thread.failed_s,
-            begun: self.thread.begun + 1,
+            failures: self.thread.failures,
+            goal_closed: self.thread.goal_closed,
             ..Thread::default()
         };
         Recovery::Thread
@@ -164,6 +163,8 @@ impl Navigator {
             Threading::On => Threaded::On((0.0, 0.0)),
             Threading::Found(legs) => {
                 self.thread.search = None;
+                self.thread.failures = 0;
+                self.thread.goal_closed = false;
                 self.thread.legs = legs;
                 self.thread.leg = 0;
                 if self.thread.legs.is_empty() {
@@ -172,14 +173,16 @@ impl Navigator {
                     Threaded::On((0.0, 0.0))
                 }
             }
-            Threading::Nothing if !self.thread.tight => {
+            Threading::Nothing { .. } if !self.thread.tight => {
                 self.thread.search = None;
                 self.thread.tight = true;
                 Threaded::On((0.0, 0.0))
             }
-            Threading::Nothing => {
+            Threading::Nothing { goal_closed } => {
                 self.thread.search = None;
                 self.thread.failed_s = Some(now.time_s);
+                self.thread.failures += 1;
+                self.thread.goal_closed = goal_closed;
                 Threaded::Lost
             }
         }
@@ -279,11 +282,10 @@ impl Navigator {
         });
         let free_m = free_m.min(self.allowed_m(&now.pose, steered, !backs, reach_m));
         let delay_s = now.age_s + now.step_s.min(0.5);
-        let calm_mps = if is_wide && rest_m > 2.0 * shape.radius_m {
-            WIDE_SHARE * shape.max_speed_mps
-        } else {
-            (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m)
-        };
+        let least_mps = (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m);
+        let room_m = self.around.nearest_m() - shape.half_width_m.min(shape.half_length_m);
+        let share = (room_m / shape.radius_m).clamp(0.0, 1.0);
+        let calm_mps = least_mps + share * (WIDE_SHARE * shape.max_speed_mps - least_mps).max(0.0);
         let calm_mps = calm_mps * if backs { 0.5 } else { 1.0 };
         let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
         if !goes_on {

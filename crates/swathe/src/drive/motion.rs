@@ -65,21 +65,10 @@ impl Navigator {
         let half_m = 0.5 * self.grid.params().cell_size_m;
         let rest_m = if self.recovery == Some(Recovery::Thread) {
             THREAD_MARGIN_M
-        } else if self.squeezes_from.is_some() {
-            half_m
         } else {
             self.params.margin_m.max(half_m)
         };
         rest_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
-    }
-
-    /// How much less than the circle around the footprint the local method makes room for.
-    fn slimmer_m(&self) -> f64 {
-        if self.squeezes_from.is_some() {
-            self.shape.radius_m - self.shape.half_width_m
-        } else {
-            0.0
-        }
     }
 
     /// Chooses where to, how fast, and checks that it is safe.
@@ -100,7 +89,7 @@ impl Navigator {
                 step_s: now.step_s,
                 target,
                 region: self.region.as_ref(),
-                margin_m: self.margin_m(now.speed_mps) - self.slimmer_m(),
+                margin_m: self.margin_m(now.speed_mps),
             },
         );
         let target_rad = (target.y_m - at.y_m).atan2(target.x_m - at.x_m);
@@ -146,11 +135,6 @@ impl Navigator {
             return self.turn(now, off_rad);
         }
         let turning = (wanted_turn / shape.max_turn_rate_radps).abs();
-        let share = if self.squeezes_from.is_some() {
-            share.min(CAREFUL_SHARE)
-        } else {
-            share
-        };
         let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim);

@@ -77,8 +77,6 @@ pub struct Navigator {
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
     pub(super) looked_around: bool,
-    /// Where gaps narrower than the circle around the footprint began to be tried.
-    pub(super) squeezes_from: Option<Position>,
     pub(super) end: Option<(Status, Reason)>,
     pub(super) slip_until_s: f64,
     pub(super) blocked_since_s: Option<f64>,
@@ -157,7 +155,6 @@ impl Navigator {
             all_attempts: 0,
             trap_at: None,
             looked_around: false,
-            squeezes_from: None,
             end: None,
             slip_until_s: f64::NEG_INFINITY,
             blocked_since_s: None,
@@ -398,7 +395,6 @@ impl Navigator {
         self.all_attempts = 0;
         self.trap_at = None;
         self.looked_around = false;
-        self.squeezes_from = None;
         self.blocked_since_s = None;
         self.local.forget();
         if let Some(region) = &mut self.region {
@@ -436,17 +432,6 @@ impl Navigator {
         }
     }
 
-    /// How near to what was seen the way may come: the circle around the footprint, or lengthwise its lesser half.
-    fn closed_m(&self) -> f64 {
-        if self.squeezes_from.is_some() {
-            // Cells of the memory hold what stands anywhere in them; what is seen from one side must still close its neighbours.
-            let half_m = self.shape.half_width_m.min(self.shape.half_length_m);
-            (half_m - 0.25 * self.memory.cell_size_m).max(self.memory.cell_size_m)
-        } else {
-            self.shape.radius_m + 0.5 * self.params.margin_m
-        }
-    }
-
     /// Keeps the window around the robot and the way in it right.
     fn lay_route(&mut self, at: Position, aim: Position) {
         let stale = self.window.as_ref().is_none_or(|window| {
@@ -457,7 +442,7 @@ impl Navigator {
         if stale {
             let layout = Layout {
                 cells: self.window_cells,
-                closed_m: self.closed_m(),
+                closed_m: self.shape.radius_m + 0.5 * self.params.margin_m,
                 unknown_cost: self.params.unknown_cost,
                 arrival_m: self.params.arrival_m,
                 goal: aim,
@@ -514,10 +499,6 @@ impl Navigator {
             self.trap_at = None;
             self.attempts = 0;
             self.looked_around = false;
-        }
-        if self.squeezes_from.is_some_and(|from| from.distance_m(at) > away_m) {
-            self.squeezes_from = None;
-            self.window = None;
         }
     }
 }

@@ -101,18 +101,16 @@ impl Navigator {
             self.begin(Recovery::TurnInPlace { left_rad: TAU }, at);
             return None;
         }
-        let is_worth_it = reason != Reason::GoalBlocked || self.may_thread_to_blocked();
-        if self.params.recover && is_worth_it && self.may_thread(time_s) {
+        if self.params.recover && self.may_thread(time_s) {
             let recovery = self.begin_thread(at);
             self.begin(recovery, at);
             return None;
         }
-        if self.params.recover && self.squeezes_from.is_none() {
-            self.squeezes_from = Some(at);
-            self.window = None;
-            self.watch.restart();
-            return None;
-        }
+        let reason = if self.thread.goal_closed {
+            Reason::GoalBlocked
+        } else {
+            reason
+        };
         if reason == Reason::GoalBlocked {
             // A goal cell that was closed may be open again, or another cell near it may do.
             self.window = None;
@@ -261,12 +259,9 @@ impl Navigator {
         if self.attempts % 4 == 3 && self.window.as_ref().is_some_and(|window| !window.goal_inside) {
             self.grow();
         }
-        // A gap that was too narrow after all is not tried twice.
         // A car turns to and fro wherever it turns round: that alone closes nothing.
         let turns_round = reason == Reason::Oscillating && !self.shape.turns_in_place();
-        if (reason == Reason::Oscillating || self.squeezes_from.is_some() || self.attempts.is_multiple_of(4))
-            && !turns_round
-        {
+        if (reason == Reason::Oscillating || self.attempts.is_multiple_of(4)) && !turns_round {
             self.stamp_ahead(now);
         }
         let turns = self.shape.turns_in_place();

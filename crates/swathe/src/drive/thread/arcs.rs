@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use crate::grid::Position;
 
 use super::field::Field;
-use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Threading, UNSEEN_FACTOR, WEIGHT, after};
+use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Progress, UNSEEN_FACTOR, WEIGHT, after};
 
 /// States that are looked at in one step of the navigator, and in all.
 const WORK_PER_STEP: usize = 1500;
@@ -117,10 +117,10 @@ impl Arcs {
     }
 
     /// Goes on.
-    pub fn go_on(&mut self, field: &Field) -> Threading {
+    pub fn go_on(&mut self, field: &Field) -> Progress {
         for _ in 0..WORK_PER_STEP {
             let Some(Open { node, .. }) = self.open.pop() else {
-                return Threading::Nothing;
+                return Progress::Exhausted;
             };
             let now = self.nodes[node as usize];
             let best_m = self.best.get(&Self::key(field, now.at));
@@ -128,14 +128,14 @@ impl Arcs {
                 continue;
             }
             if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
-                return Threading::Found(self.legs(node));
+                return Progress::Found(self.legs(node));
             }
             if self.nodes.len() > MOST_STATES {
-                return Threading::Nothing;
+                return Progress::Exhausted;
             }
             self.drive_from(field, node, &now);
         }
-        Threading::On
+        Progress::On
     }
 
     /// Cost of a metre at a place.

@@ -10,6 +10,10 @@ use super::Known;
 /// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
 pub(super) const MARGIN_M: f64 = 0.06;
 
+/// How much nearer than now what is near may come, and how near at most.
+const SWING_M: f64 = 0.04;
+const LEAST_M: f64 = 0.015;
+
 /// Within this many metres of the circle around the footprint ground costs more.
 const NEAR_M: f64 = 0.15;
 
@@ -146,8 +150,9 @@ impl Field {
                 let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
                 let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
                 let beyond_m = (ahead.abs() - self.half_length_m).max(left.abs() - self.half_width_m);
-                // What is nearer already may stay as near.
-                let margin_m = self.closes_m.min(beyond_m - 0.01).max(-0.05);
+                // What is near already may come a little nearer, as corners do in the first turn.
+                let least_m = LEAST_M.min(beyond_m - 0.005);
+                let margin_m = self.closes_m.min((beyond_m - SWING_M).max(least_m)).max(-0.05);
                 placed.push((index as u32, (x_m, y_m, margin_m)));
             }
         }
@@ -308,6 +313,15 @@ impl Field {
 
     pub fn at(&self, x_m: f64, y_m: f64) -> Option<usize> {
         self.index(self.cell(x_m, y_m))
+    }
+
+    /// Whether the ways from the goal all end inside the field: what was met closes the goal in, not the robot.
+    pub fn closes_goal_in(&self) -> bool {
+        let reaches = |row: i64, column: i64| self.to_go[(row * self.columns + column) as usize] != NONE;
+        let (last_row, last_column) = (self.rows - 1, self.columns - 1);
+        let along_rows = (0..self.rows).any(|row| reaches(row, 0) || reaches(row, last_column));
+        let along_columns = (0..self.columns).any(|column| reaches(0, column) || reaches(last_row, column));
+        !along_rows && !along_columns
     }
 
     /// Whether the ground of a cell was seen.

@@ -67,7 +67,10 @@ impl Leg {
 pub(super) enum Threading {
     On,
     Found(Vec<Leg>),
-    Nothing,
+    /// There is none in what is known; told is whether that closes the goal in.
+    Nothing {
+        goal_closed: bool,
+    },
 }
 
 /// A search of poses that goes on from step to step.
@@ -75,6 +78,13 @@ pub(super) struct Search {
     field: Field,
     is_laid: bool,
     kind: Kind,
+}
+
+/// How the search on a field stands.
+enum Progress {
+    On,
+    Found(Vec<Leg>),
+    Exhausted,
 }
 
 enum Kind {
@@ -129,9 +139,16 @@ impl Search {
             }
             return Threading::On;
         }
-        match &mut self.kind {
+        let found = match &mut self.kind {
             Kind::Walk(walk) => walk.go_on(&self.field),
             Kind::Arcs(arcs) => arcs.go_on(&self.field),
+        };
+        match found {
+            Progress::On => Threading::On,
+            Progress::Found(legs) => Threading::Found(legs),
+            Progress::Exhausted => Threading::Nothing {
+                goal_closed: self.field.closes_goal_in(),
+            },
         }
     }
 }

@@ -2,13 +2,13 @@
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::grid::Position;
 use crate::sensor::wrap;
 
 use super::field::Field;
-use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Threading, UNSEEN_FACTOR, WEIGHT};
+use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Progress, UNSEEN_FACTOR, WEIGHT};
 
 /// Steps (columns east, rows north) of the sixteen directions, counter-clockwise.
 const AXES: [(i64, i64); 16] = [
@@ -47,12 +47,21 @@ const UNITS: f64 = 10_000.0;
 /// Bit of a mask that was worked out.
 const KNOWN: u32 = 1 << 31;
 
+/// Where there is no room to turn, the vehicle leaves a direction by slants: so many steps along and one aside.
+const SLANTS: [i64; 2] = [3, 6];
+
+/// Off its own heading by less the vehicle drives straight to a cell where it cannot turn on the spot, up to so far away.
+const SETS_OFF_RAD: f64 = 0.15;
+const SETS_OFF_M: f64 = 1.5;
+
 /// How a state was reached.
 const FORWARD: u8 = 0;
 const BACKWARD: u8 = 1;
 const LEFT: u8 = 2;
 const RIGHT: u8 = 3;
 const BEGIN: u8 = 4;
+/// And by slants from here on: which, backwards or not, to the right or not.
+const SLANT: u8 = 5;
 
 fn axis_rad(axis: usize) -> f64 {
     let (east, north) = AXES[axis % COUNT];
@@ -90,13 +99,40 @@ impl Walk {
     pub fn begin(&mut self, field: &Field) {
         let (x_m, y_m, heading_rad) = self.start;
         let Some(index) = field.at(x_m, y_m) else { return };
+        self.face(field, (index, (x_m, y_m)), heading_rad, 0.0);
+        if !self.open.is_empty() {
+            return;
+        }
+        let cell = (index as i64 / field.columns, index as i64 % field.columns);
+        let reach = (SETS_OFF_M / field.size_m).ceil() as i64;
+        for row in cell.0 - reach..=cell.0 + reach {
+            for column in cell.1 - reach..=cell.1 + reach {
+                let (to, Some(index)) = (field.middle((row, column)), field.index((row, column))) else {
+                    continue;
+                };
+                let length_m = (to.0 - x_m).hypot(to.1 - y_m);
+                let ahead_rad = (to.1 - y_m).atan2(to.0 - x_m);
+                let backs = wrap(ahead_rad - heading_rad).abs() > FRAC_PI_2;
+                let to_rad = if backs { wrap(ahead_rad + PI) } else { ahead_rad };
+                let is_near = length_m > 0.5 * field.size_m && length_m <= SETS_OFF_M;
+                if is_near
+                    && wrap(to_rad - heading_rad).abs() < SETS_OFF_RAD
+                    && turns_free(field, (x_m, y_m), heading_rad, to_rad)
+                    && runs_free(field, (x_m, y_m), to, to_rad)
+                {
+                    self.face(field, (index, to), to_rad, length_m * NEAR_FACTOR);
+                }
+            }
+        }
+    }
+
+    /// Turns from a heading to the directions beside it.
+    fn face(&mut self, field: &Field, (index, at): (usize, (f64, f64)), heading_rad: f64, so_far_m: f64) {
         for axis in 0..COUNT {
-            let by_rad = wrap(axis_rad(axis) - heading_rad);
-            let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
-            let is_free =
-                || (1..=pieces as u32).all(|k| field.is_free((x_m, y_m, heading_rad + by_rad * f64::from(k) / pieces)));
-            if by_rad.abs() < FIRST_TURN_RAD && is_free() {
-                self.reach(field, index, axis, by_rad.abs() * TURN_RADII * field.radius_m, 0, BEGIN);
+            let by_rad = wrap(axis_rad(axis) - heading_rad).abs();
+            if by_rad < FIRST_TURN_RAD && turns_free(field, at, heading_rad, axis_rad(axis)) {
+                let by_m = so_far_m + by_rad * TURN_RADII * field.radius_m;
+                self.reach(field, index, axis, by_m, 0, BEGIN);
             }
         }
     }
@@ -144,10 +180,10 @@ impl Walk {
     }
 
     /// Goes on.
-    pub fn go_on(&mut self, field: &Field) -> Threading {
+    pub fn go_on(&mut self, field: &Field) -> Progress {
         for _ in 0..WORK_PER_STEP {
             let Some(Reverse((bound, state))) = self.open.pop() else {
-                return Threading::Nothing;
+                return Progress::Exhausted;
             };
             let (index, axis) = (state as usize / COUNT, state as usize % COUNT);
             let cost = self.best[state as usize];
@@ -158,7 +194,7 @@ impl Walk {
             let cell = (index as i64 / field.columns, index as i64 % field.columns);
             let (x_m, y_m) = field.middle(cell);
             if Position::new(x_m, y_m).distance_m(self.goal) <= self.near_goal_m {
-                return Threading::Found(self.legs(field, state as usize));
+                return Progress::Found(self.legs(field, state as usize));
             }
             let (east, north) = AXES[axis];
             let length_m = (east as f64).hypot(north as f64) * field.size_m;
@@ -174,7 +210,7 @@ impl Walk {
                 let is_long = east.abs() + north.abs() > 2;
                 if is_long
                     && field.plainly(next) != Some(true)
-                    && !field.is_free(((x_m + to_x_m) / 2.0, (y_m + to_y_m) / 2.0, heading_rad))
+                    && !field.is_free((x_m.midpoint(to_x_m), y_m.midpoint(to_y_m), heading_rad))
                 {
                     continue;
                 }
@@ -189,6 +225,9 @@ impl Walk {
                 self.reach(field, next, axis, length_m * factor, cost, how);
             }
             let mask = self.mask(field, index);
+            if mask >> (COUNT / 2) & 0xff != 0xff {
+                self.slant(field, cell, axis, cost);
+            }
             for (to, turn, how) in [
                 ((axis + 1) % COUNT, axis % (COUNT / 2), LEFT),
                 ((axis + COUNT - 1) % COUNT, (axis + COUNT - 1) % (COUNT / 2), RIGHT),
@@ -206,7 +245,35 @@ impl Walk {
                 }
             }
         }
-        Threading::On
+        Progress::On
+    }
+
+    /// Goes on by slants, which need less room than turns.
+    fn slant(&mut self, field: &Field, cell: (i64, i64), axis: usize, cost: u32) {
+        let from = field.middle(cell);
+        let heading_rad = axis_rad(axis);
+        for how in SLANT..SLANT + 8 {
+            let ((east, north), side) = slant(how, axis);
+            let to = (cell.0 - north, cell.1 + east);
+            let Some(next) = field.index(to) else { continue };
+            let fits = field.to_go_m(next).is_some() && self.mask(field, next) >> (axis % (COUNT / 2)) & 1 == 1;
+            if !fits {
+                continue;
+            }
+            let at = field.middle(to);
+            let to_rad = (side * (at.1 - from.1)).atan2(side * (at.0 - from.0));
+            let backs = side < 0.0;
+            if (backs && !field.sees_behind((at.0, at.1, to_rad)))
+                || !turns_free(field, from, heading_rad, to_rad)
+                || !runs_free(field, from, at, to_rad)
+                || !turns_free(field, at, to_rad, heading_rad)
+            {
+                continue;
+            }
+            let length_m = (at.0 - from.0).hypot(at.1 - from.1);
+            let factor = NEAR_FACTOR * if backs { BACK_FACTOR } else { 1.0 };
+            self.reach(field, next, axis, length_m * factor + 2.0 * TURN_M, cost, how);
+        }
     }
 
     /// The legs to a state.
@@ -218,80 +285,82 @@ impl Walk {
             steps.push((state, how));
             let (index, axis) = (state / COUNT, state % COUNT);
             let (east, north) = AXES[axis];
-            let side = if how == BACKWARD { -1 } else { 1 };
+            let back = |(east, north): (i64, i64)| (index as i64 + north * field.columns - east) as usize;
             state = match how {
-                FORWARD | BACKWARD => {
-                    let before = (index as i64 + side * (north * field.columns - east)) as usize;
-                    before * COUNT + axis
-                }
+                FORWARD => back((east, north)) * COUNT + axis,
+                BACKWARD => back((-east, -north)) * COUNT + axis,
                 LEFT => index * COUNT + (axis + COUNT - 1) % COUNT,
                 RIGHT => index * COUNT + (axis + 1) % COUNT,
-                _ => break,
+                BEGIN => break,
+                _ => back(slant(how, axis).0) * COUNT + axis,
             };
         }
-        let mut legs: Vec<Leg> = Vec::new();
+        // Ends of the runs, with the side on which each is driven.
+        let mut ends = vec![((self.start.0, self.start.1), 0.0)];
+        let mut last = BEGIN;
         for &(state, how) in steps.iter().rev() {
             let (index, axis) = (state / COUNT, state % COUNT);
-            let to_rad = axis_rad(axis);
-            if !matches!(how, FORWARD | BACKWARD) {
-                match legs.last_mut() {
-                    Some(Leg::Turn { to_rad: last }) => *last = to_rad,
-                    _ => legs.push(Leg::Turn { to_rad }),
+            let at = field.middle((index as i64 / field.columns, index as i64 % field.columns));
+            let is_start = (at.0 - self.start.0).hypot(at.1 - self.start.1) < 0.5 * field.size_m;
+            match how {
+                BEGIN if is_start => {}
+                BEGIN => {
+                    let (sin, cos) = self.start.2.sin_cos();
+                    let ahead_m = (at.0 - self.start.0) * cos + (at.1 - self.start.1) * sin;
+                    ends.push((at, ahead_m.signum()));
                 }
-                continue;
-            }
-            let side = if how == BACKWARD { -1.0 } else { 1.0 };
-            let (east, north) = (AXES[axis].0 as f64, AXES[axis].1 as f64);
-            let step_m = side * east.hypot(north) * field.size_m;
-            match legs.last_mut() {
-                Some(Leg::Run { length_m, .. }) if *length_m * side > 0.0 => *length_m += step_m,
-                _ => {
-                    let (x_m, y_m) = field.middle((index as i64 / field.columns, index as i64 % field.columns));
-                    let from = (
-                        x_m - side * east * field.size_m,
-                        y_m - side * north * field.size_m,
-                        to_rad,
-                    );
-                    legs.push(Leg::Run {
-                        from,
-                        curvature_per_m: 0.0,
-                        length_m: step_m,
-                    });
+                FORWARD | BACKWARD => {
+                    let side = if how == BACKWARD { -1.0 } else { 1.0 };
+                    if last == how
+                        && let Some(end) = ends.last_mut()
+                    {
+                        end.0 = at;
+                    } else {
+                        ends.push((at, side));
+                    }
                 }
+                LEFT | RIGHT => {}
+                _ => ends.push((at, slant(how, axis).1)),
             }
+            last = how;
         }
-        straighten(field, self.start, &legs)
+        straighten(field, self.start, &ends)
     }
 }
 
-/// The same way with fewer turns: from the end of a leg straight to the end of a later one, where that is free.
-fn straighten(field: &Field, start: (f64, f64, f64), legs: &[Leg]) -> Vec<Leg> {
-    // Ends of the runs, with the side on which each is driven.
-    let mut ends = vec![((start.0, start.1), 0.0)];
-    for leg in legs {
-        if let &Leg::Run { from, length_m, .. } = leg {
-            let (sin, cos) = from.2.sin_cos();
-            ends.push(((from.0 + cos * length_m, from.1 + sin * length_m), length_m.signum()));
-        }
-    }
+/// Cells east and north of a slant from a direction, and the side on which it is driven.
+fn slant(how: u8, axis: usize) -> ((i64, i64), f64) {
+    let which = how - SLANT;
+    let along = SLANTS[usize::from(which & 1)];
+    let side = if which & 2 == 0 { 1 } else { -1 };
+    let aside = if which & 4 == 0 { 1 } else { -1 };
+    let (east, north) = AXES[axis];
+    let cells = (side * along * east - aside * north, side * along * north + aside * east);
+    (cells, side as f64)
+}
+
+/// Whether the footprint can turn in place by the shorter way.
+fn turns_free(field: &Field, at: (f64, f64), from_rad: f64, to_rad: f64) -> bool {
+    let by_rad = wrap(to_rad - from_rad);
+    let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
+    (1..=pieces as u32).all(|k| field.is_free((at.0, at.1, from_rad + by_rad * f64::from(k) / pieces)))
+}
+
+/// Whether the footprint can go straight from place to place in a heading.
+fn runs_free(field: &Field, from: (f64, f64), to: (f64, f64), heading_rad: f64) -> bool {
+    let length_m = (to.0 - from.0).hypot(to.1 - from.1);
+    let pieces = (length_m / (0.5 * field.size_m)).ceil().max(1.0);
+    (0..=pieces as u32).all(|k| {
+        let share = f64::from(k) / pieces;
+        let at = (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1));
+        field.is_free((at.0, at.1, heading_rad))
+    })
+}
+
+/// Ends of runs, with the side on which each is driven, as legs with as few turns as can be: from the end of a run straight to the
+/// end of a later one, where that is free.
+fn straighten(field: &Field, start: (f64, f64, f64), ends: &[((f64, f64), f64)]) -> Vec<Leg> {
     let heading = |from: (f64, f64), to: (f64, f64), side: f64| (side * (to.1 - from.1)).atan2(side * (to.0 - from.0));
-    let turns_free = |at: (f64, f64), from_rad: f64, to_rad: f64| {
-        let by_rad = wrap(to_rad - from_rad);
-        let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
-        (0..=pieces as u32).all(|k| field.is_free((at.0, at.1, from_rad + by_rad * f64::from(k) / pieces)))
-    };
-    let runs_free = |from: (f64, f64), to: (f64, f64), heading_rad: f64| {
-        let length_m = (to.0 - from.0).hypot(to.1 - from.1);
-        let pieces = (length_m / (0.5 * field.size_m)).ceil().max(1.0);
-        (0..=pieces as u32).all(|k| {
-            let share = f64::from(k) / pieces;
-            field.is_free((
-                from.0 + share * (to.0 - from.0),
-                from.1 + share * (to.1 - from.1),
-                heading_rad,
-            ))
-        })
-    };
     let mut kept: Vec<Leg> = Vec::new();
     let mut heading_rad = start.2;
     let mut k = 0;
@@ -304,15 +373,15 @@ fn straighten(field: &Field, start: (f64, f64, f64), legs: &[Leg]) -> Vec<Leg> {
             let next_rad = ends
                 .get(to + 1)
                 .map_or(to_rad, |next| heading(ends[to].0, next.0, next.1));
-            runs_free(from, ends[to].0, to_rad)
-                && turns_free(from, heading_rad, to_rad)
-                && turns_free(ends[to].0, to_rad, next_rad)
+            runs_free(field, from, ends[to].0, to_rad)
+                && turns_free(field, from, heading_rad, to_rad)
+                && turns_free(field, ends[to].0, to_rad, next_rad)
         });
         let to = straight.unwrap_or(k + 1);
         let to_rad = heading(from, ends[to].0, side);
         let by_rad = wrap(to_rad - heading_rad);
         if by_rad.abs() > 1e-9 {
-            if !turns_free(from, heading_rad, to_rad) {
+            if !turns_free(field, from, heading_rad, to_rad) {
                 // The other way round, in parts that are each the shorter way.
                 let round_rad = by_rad - by_rad.signum() * TAU;
                 kept.extend([1.0, 2.0].map(|third| Leg::Turn {
