@@ -58,6 +58,19 @@ def test_nothing_is_shorter_or_faster_than_the_truth_allows(rows: list[trials.Ro
             assert row.goal_distance_m < 1.0
 
 
+def test_trials_are_drawn_evenly_from_what_there_is() -> None:
+    drawn = [trials.draw(seed) for seed in range(4000)]
+    for name, share in (("kind", trials.KINDS), ("vehicle", trials.VEHICLES)):
+        expected = {value: share.count(value) / len(share) for value in share}
+        found = [sum(getattr(trial, name) == value for trial in drawn) for value in expected]
+        assert stats.chisquare(found, [4000 * part for part in expected.values()]).pvalue > 1e-3
+    low, high = trials.DENSITIES
+    spread = stats.uniform(low, high - low)
+    assert stats.kstest([trial.density for trial in drawn], spread.cdf).pvalue > 1e-3
+    pairs = [(trials.KINDS.index(trial.kind), trial.density) for trial in drawn]
+    assert stats.spearmanr(pairs).pvalue > 1e-3
+
+
 def test_rows_are_the_same_in_any_number_of_workers() -> None:
     asked = [trials.Trial(seed=seed, density=4.0) for seed in range(3)]
     alone, _ = trials.run(asked, processes=1)
@@ -84,6 +97,18 @@ def test_rows_come_back_from_their_table(rows: list[trials.Row]) -> None:
         assert line["status"] == row.status
         assert (line["shortest_m"] == "") == (row.shortest_m is None)
         assert trials.trial_of(row).seed == row.seed
+
+
+def test_the_bootstrap_agrees_with_scipys() -> None:
+    values = np.random.default_rng(7).lognormal(0.0, 0.6, size=80)
+    middle, low, high = trials.bootstrap_median(values, draws=20_000)
+    expected = stats.bootstrap(
+        (values,), np.median, n_resamples=20_000, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
+    assert middle == np.median(values)
+    # Both draw: their ends differ by the distance of neighbours in the data.
+    assert low == pytest.approx(expected.low, abs=0.03)
+    assert high == pytest.approx(expected.high, abs=0.03)
 
 
 @given(count=st.integers(1, 2000), share=st.floats(0, 1))

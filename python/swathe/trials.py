@@ -21,12 +21,13 @@ import numpy as np
 from swathe import sim
 from swathe.drive import DriveParams, Navigator
 from swathe.episode import Episode, EpisodeParams
+from swathe.random import uniform
 from swathe.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -45,6 +46,10 @@ _RADIUS_M = 0.7
 
 #: The laser's 80 m mode from this scale on.
 _FAR_SCALE = 1.2
+
+#: Streams of ``swathe.random``; resampling takes the next one for every block of so many numbers.
+_DRAW, _RESAMPLE = 103, 1000
+_BLOCK = 1 << 22
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,13 +123,13 @@ class Row:
 
 def draw(seed: int, *, noisy: bool = False, vehicles: Sequence[str] = VEHICLES) -> Trial:
     """Draw a trial: its kind of world, its density of crates and its vehicle."""
-    chance = np.random.Generator(np.random.PCG64(seed))
+    kind, crates, vehicle = (float(chance) for chance in uniform(seed, _DRAW, 3))
     low, high = DENSITIES
     return Trial(
         seed=seed,
-        kind=KINDS[int(chance.integers(len(KINDS)))],
-        density=round(float(chance.uniform(low, high)), 2),
-        vehicle=vehicles[int(chance.integers(len(vehicles)))],
+        kind=KINDS[int(kind * len(KINDS))],
+        density=round(low + (high - low) * crates, 2),
+        vehicle=vehicles[int(vehicle * len(vehicles))],
         noisy=noisy,
     )
 
@@ -285,9 +290,13 @@ def bootstrap_median(values: ArrayLike, *, seed: int = 0, draws: int = 2000) -> 
     given = np.asarray(values, dtype=np.float64)
     if given.size == 0:
         return (math.nan, math.nan, math.nan)
-    chance = np.random.Generator(np.random.PCG64(seed))
-    medians = np.median(given[chance.integers(given.size, size=(draws, given.size))], axis=1)
-    low, high = np.percentile(medians, [2.5, 97.5])
+    medians: list[NDArray[np.float64]] = []
+    at_once = max(1, _BLOCK // given.size)
+    for block, first in enumerate(range(0, draws, at_once)):
+        shape = (min(at_once, draws - first), given.size)
+        chosen = uniform(seed, _RESAMPLE + block, shape[0] * shape[1]) * given.size
+        medians.append(np.median(given[chosen.astype(np.intp).reshape(shape)], axis=1))
+    low, high = np.percentile(np.concatenate(medians), [2.5, 97.5])
     return (float(np.median(given)), float(low), float(high))
 
 
