@@ -89,7 +89,7 @@ def _draw_time(axes: Axes, rows: Sequence[trials.Row]) -> None:
     for moves, colour in ((False, FAINT_INK_COLOUR), (True, LIMIT_COLOUR)):
         shown = [row for row in reached if (row.kind == "moving") == moves]
         ratios = np.clip([row.time_ratio or 1.0 for row in shown], *_RATIOS)
-        axes.plot([row.density for row in shown], ratios, "o", color=colour, ms=3.0, alpha=0.6, mew=0)
+        axes.plot([row.density for row in shown], ratios, "o", color=colour, ms=3.0, alpha=0.6, mew=0, clip_on=False)
     parts = _parts(reached)
     medians = [float(np.median([row.time_ratio or 1.0 for row in part])) for _, part in parts]
     axes.plot([middle for middle, _ in parts], medians, "-", color=INK_COLOUR, lw=1.6)
