@@ -43,7 +43,7 @@ fn found(shape: &Shape, gap_m: f64) -> Option<Vec<Leg>> {
         match search.go_on() {
             Threading::On => {}
             Threading::Found(legs) => return Some(legs),
-            Threading::Nothing => return None,
+            Threading::Nothing { .. } => return None,
         }
     }
     None
