@@ -96,6 +96,20 @@ def test_a_finished_drive_is_verified_byte_for_byte(driven: Path) -> None:
     assert commands.run("replay", str(driven / RUN_LOG)).out.startswith(str(driven / RUN_LOG))
 
 
+@pytest.mark.parametrize("sensor", ["sonar", "both"])
+def test_a_drive_with_a_sonar_ring_is_logged_drawn_and_verified(sensor: str, tmp_path: Path) -> None:
+    out = tmp_path / sensor
+    code, summary = drive("--scenario", "crates", "--vehicle", "pioneer-2dx", "--sensor", sensor, out=out)
+    assert (code, summary["status"], summary["collisions"]) == (0, "reached", 0)
+    log = RunLog.read(out / RUN_LOG)
+    assert len(log.sonar.times_s) > 25 * 8 * (log.seconds - 2)
+    assert len(log.sonar.mounts) == 8
+    assert bool(len(log.scans.times_s)) == (sensor == "both")
+    assert {path.name for path in out.iterdir()} == {"summary.json", "report.html", RUN_LOG, *PICTURES}
+    told = commands.run("replay", str(out), "--verify", "--json")
+    assert (told.code, json.loads(told.out)["status"]) == (0, "equal")
+
+
 def test_news_and_probes_are_verified_too(paper: tuple[Path, dict[str, Any]]) -> None:
     assert driving.replay(paper[0], again=True)["status"] == "equal"
 

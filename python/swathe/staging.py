@@ -113,7 +113,8 @@ class Stage:
         laser = sim.Laser.preset(sensors.laser)
         laser = replace(laser, dropout=sensors.beam_dropout) if sensors.beam_dropout else laser
         params = sim.RobotParams(
-            sonar=sensors.sonar,
+            has_laser=sensors.sensor != "sonar",
+            sonar=sensors.sensor != "laser",
             scan_delay_s=sensors.scan_delay_s,
             scan_dropout=sensors.scan_dropout,
             scale_error=sensors.scale_error,

@@ -113,6 +113,10 @@ def drive(
         Path | None,
         typer.Option("--soil-feed", help="JSON lines with news of the soil, taken in while driving."),
     ] = None,
+    sensor: Annotated[
+        Literal["laser", "sonar", "both"] | None,
+        typer.Option("--sensor", help="What the robot sees with: a laser, a ring of sonars, or both. [default: laser]"),
+    ] = None,
     laser: Annotated[
         Literal["sick-lms200-8m", "sick-lms200-80m", "sick-lms200-8m-361", "sick-lms200-80m-361"] | None,
         typer.Option("--laser", help="The laser. [default: sick-lms200-8m]"),
@@ -190,6 +194,7 @@ def drive(
             "truth.height_error_m": height_error,
             "truth.moisture": true_moisture,
             "obstacles.crates": crates,
+            "sensors.sensor": sensor,
             "sensors.laser": laser,
         }
     )
