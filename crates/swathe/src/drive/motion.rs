@@ -177,6 +177,9 @@ impl Navigator {
             share
         };
         let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
+        if let Some(region) = &self.region {
+            speed_mps = speed_mps.min(region.going_mps(&now.pose));
+        }
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim);
         speed_mps = speed_mps.min(shape.speed_for(left_m, 0.5 * shape.braking_mps2, 0.0) + 0.1);

@@ -5,6 +5,7 @@ use std::collections::{HashSet, VecDeque};
 use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCodes};
 use crate::sensor::Pose;
+use crate::soil::{SoilClass, Trafficability};
 use crate::vehicle::Vehicle;
 
 use super::knowledge::{Knowledge, Learnt, Standing};
@@ -366,6 +367,21 @@ impl RegionState {
         } else {
             OUTSIDE_SPEED
         }
+    }
+
+    /// Greatest speed that the soil, as it is believed, and the engine allow on the grade that the robot climbs; infinite where
+    /// nothing is known of them, and on no-go ground, which is to be left.
+    pub fn going_mps(&self, pose: &Pose) -> f64 {
+        let at = Position::new(pose.x_m, pose.y_m);
+        let fares = self.knowledge().and_then(|knowledge| {
+            let code = knowledge.codes()[knowledge.geometry().cell_at(at)?];
+            let (map, class) = (knowledge.map(), SoilClass::from_code(code).ok()?);
+            let fares = Trafficability::of(&map.vehicle, class, map.rank.moisture_percent);
+            fares
+                .go
+                .then(|| fares.powered_speed_mps(&map.vehicle, pose.pitch_rad.tan()))
+        });
+        fares.unwrap_or(f64::INFINITY)
     }
 
     /// What is left of the global route from the point nearest to a place on.
