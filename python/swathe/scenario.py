@@ -294,10 +294,11 @@ class SoilNews(_Part):
 
 
 class WorldPart(_Part):
-    """``[world]``: a drawn world without a map, instead of ``[terrain]``."""
+    """``[world]``: a drawn world without a map, instead of ``[terrain]``; ``scale`` enlarges it for larger vehicles."""
 
     kind: Literal["clutter", "corridor", "u-trap", "dead-end", "moving"] = "clutter"
     density: float = Field(default=2.5, ge=0, le=50)
+    scale: float = Field(default=1.0, ge=1, le=20)
 
 
 class Scenario(_Part):

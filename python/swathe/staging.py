@@ -177,7 +177,8 @@ def stage(
     """
     vehicle, toml = _vehicle(scenario.vehicle, vehicle_toml)
     if scenario.world is not None:
-        drawn = sim.random_world(scenario.seed, density=scenario.world.density, kind=scenario.world.kind)
+        asked = scenario.world
+        drawn = sim.random_world(scenario.seed, density=asked.density, kind=asked.kind, scale=asked.scale)
         points = np.array([(drawn.start.x_m, drawn.start.y_m), (drawn.goal.x_m, drawn.goal.y_m)])
         return Stage(scenario, vehicle, toml, None, drawn.world, drawn.start, drawn.goal, Route(points))
     terrain, settings = scenario.terrain_request(), scenario.settings()

@@ -273,6 +273,9 @@ def trials(
     noise: Annotated[
         bool, typer.Option("--noise", help="Late scans, lost beams, odometry that drifts between fixes.")
     ] = False,
+    keep: Annotated[
+        int, typer.Option("--keep", help="Of the worst runs so many are driven again, each into a log: worst-1.mcap.")
+    ] = 3,
     workers: Annotated[int | None, typer.Option("--workers", help="Processes. [default: one a core]")] = None,
     seed: Annotated[int, typer.Option("--seed", help="The first seed.")] = 0,
     out: Out = None,
@@ -282,7 +285,7 @@ def trials(
 ) -> int:
     """Drive many seeded worlds and tell how often, how far and how fast: a table with confidence intervals and CSV.
 
-    The worst runs are listed with the line that drives them again. Ctrl-C keeps what is done.
+    The worst runs are listed, and kept as logs for `swathe replay`. Ctrl-C keeps what is done.
 
     Examples:
 
@@ -291,6 +294,8 @@ def trials(
       swathe trials --runs 100 --local navigator --local "vfh+" --local vfh
 
       swathe trials --scenario wrong-soil --runs 100 --probing never --probing where-it-matters
+
+      swathe replay swathe-trials/worst-1.mcap --out worst
     """
     from swathe import proving
     from swathe.cli import say
@@ -307,6 +312,7 @@ def trials(
             probing=probing,
             noise=noise,
             workers=workers,
+            keep=keep,
             on_progress=report,
         )
     say.line(summary, f"{summary['table']}\n{summary['outputs']['csv']}", as_json=json)
