@@ -64,7 +64,10 @@ class MapRow:
 
     Attributes:
         planned_s: time of the route on the map; None when there was none.
-        best_s: time of the best route on the true ground, which nobody knew; None when there is none.
+        best_s: time of the best route on the true ground, which nobody knew; None when there is none. What stands on
+            the ground besides is left out.
+        best_m: its length.
+        grids_differed: share of steps at which the overlapping grids gave different answers; None without steps.
     """
 
     arm: str
@@ -73,6 +76,7 @@ class MapRow:
     reason: str
     planned_s: float | None
     best_s: float | None
+    best_m: float | None = None
     distance_m: float = 0.0
     duration_s: float = 0.0
     min_clearance_m: float | None = None
@@ -81,6 +85,12 @@ class MapRow:
     probes: int = 0
     soil_updates: int = 0
     no_go_entries: int = 0
+    grids_differed: float | None = None
+
+    @property
+    def length_ratio(self) -> float | None:
+        """Driven length over that of the best route on the true ground."""
+        return None if not self.best_m else self.distance_m / self.best_m
 
     @property
     def time_ratio(self) -> float | None:
@@ -95,26 +105,37 @@ def run_map_trial(trial: MapTrial) -> MapRow:
     planned = None if made.found is None or made.found.answer.route is None else made.found.answer.route.time_s
     if made.world is None:
         return MapRow(arm=trial.arm, seed=seed, status="no_route", reason=made.why_not, planned_s=planned, best_s=None)
-    episode, navigator = made.episode(records=False)
+    episode, navigator = made.episode()
     desk = NewsDesk(made, navigator, None)
-    time_s = 0.0
+    time_s, steps, differed = 0.0, 0, 0
     while episode.outcome is None:
         desk.tell(time_s)
-        time_s = episode.advance(1.0).end_s
+        second = episode.advance(1.0)
+        time_s, answers = second.end_s, second.grids.answers
+        steps += len(answers)
+        differed += int(np.count_nonzero(answers.any(axis=1) != answers.all(axis=1)))
     outcome = asdict(episode.outcome)
     kept = {field.name: outcome[field.name] for field in fields(MapRow) if field.name in outcome}
-    return MapRow(arm=trial.arm, seed=seed, planned_s=planned, best_s=_best_s(made), **kept)
+    best = _best(made)
+    return MapRow(
+        arm=trial.arm,
+        seed=seed,
+        planned_s=planned,
+        best_s=None if best is None else best.time_s,
+        best_m=None if best is None else best.length_m,
+        grids_differed=differed / steps if steps else None,
+        **kept,
+    )
 
 
-def _best_s(made: Stage) -> float | None:
-    """Return the time of the best route on the true ground."""
+def _best(made: Stage) -> planner.Route | None:
+    """Return the best route on the true ground."""
     if made.found is None or made.world is None:
         return None
     region = made.found.shown.region
     true = replace(region, elevation_m=made.world.elevation_m, soil=made.world.soil)
     start, goal = made.found.ends
-    answer = planner.plan(true, start, goal, method="exact")
-    return None if answer.route is None else answer.route.time_s
+    return planner.plan(true, start, goal, method="exact").route
 
 
 def run_trials(
@@ -263,19 +284,20 @@ def _drawn(
     arms = [{"arm": name, **asdict(trials.summarise(part))} for name, part in by_arm.items()]
     worst_rows = trials.worst(rows)
     worst = [{**asdict(row), "time_ratio": row.time_ratio} for row in worst_rows]
-    head = ("method", "worlds", "passable", "reached", "95 %", "hits", "unseen", "length", "time")
-    lines = ["{:10} {:>7} {:>9} {:>8} {:>15} {:>5} {:>7} {:>7} {:>6}".format(*head)]
+    head = ("method", "worlds", "passable", "reached", "95 %", "hits", "unseen", "length", "time", "free")
+    lines = ["{:10} {:>7} {:>9} {:>8} {:>15} {:>5} {:>7} {:>7} {:>6} {:>6}".format(*head)]
     for arm in arms:
         low, high = arm["reached_interval"]
         share = arm["reached"] / arm["passable"] if arm["passable"] else math.nan
         lines.append(
             f"{arm['arm']:10} {arm['trials']:>7} {arm['passable']:>9} {share:>8.1%} {low:>7.1%}-{high:<7.1%} "
             f"{arm['collisions_seen']:>5} {arm['collisions_unseen']:>7} {arm['length_ratio'][0]:>7.2f} "
-            f"{arm['time_ratio'][0]:>6.2f}"
+            f"{arm['time_ratio'][0]:>6.2f} {_percent(arm['free_speed'][0]):>6}"
         )
     lines += [
         "hits: ran into what could be seen in time; unseen: into what could not. length and time: medians of what was",
-        "reached over the shortest true way, at full speed. The worst:",
+        "reached over the shortest true way, at full speed. free: speed over the greatest where nothing is near.",
+        "The worst:",
     ]
     lines += [
         f"  seed {bad['seed']}: {bad['vehicle']}, {bad['kind']}, density {bad['density']}, {bad['method']}: "
@@ -349,17 +371,20 @@ def _mapped(
     by_arm = {label: [row for row in rows if row.arm == label] for label in arms}
     told = [_map_summary(label, part) for label, part in by_arm.items()]
     pairs = [_pair(first, by_arm[first], second, by_arm[second]) for first, second in itertools.combinations(by_arm, 2)]
-    lines = [f"{'':28} {'runs':>5} {'reached':>8} {'95 %':>15} {'no-go':>6} {'probes':>7} {'time':>6} {'95 %':>11}"]
+    head = ("", "runs", "reached", "95 %", "no-go", "probes", "length", "time", "95 %", "differ")
+    lines = ["{:28} {:>5} {:>8} {:>15} {:>6} {:>7} {:>6} {:>6} {:>11} {:>6}".format(*head)]
     for arm in told:
         low, high = arm["reached_interval"]
         middle, least, most = arm["time_ratio"]
         lines.append(
             f"{arm['arm']:28} {arm['runs']:>5} {arm['reached_share']:>8.1%} {low:>7.1%}-{high:<7.1%} "
-            f"{arm['no_go_entries']:>6.2f} {arm['probes']:>7.1f} {middle:>6.2f} {least:>5.2f}-{most:<5.2f}"
+            f"{arm['no_go_entries']:>6.2f} {arm['probes']:>7.1f} {arm['length_ratio'][0]:>6.2f} "
+            f"{middle:>6.2f} {least:>5.2f}-{most:<5.2f} {_percent(arm['grids_differed']):>6}"
         )
-    lines.append(
-        "no-go, probes: means of a run; time: median over the best route on the true ground, of what was reached."
-    )
+    lines += [
+        "no-go, probes: means of a run; length, time: medians over the best route on the true ground, of what was",
+        "reached; differ: share of steps at which the overlapping grids gave different answers.",
+    ]
     lines += [pair["words"] for pair in pairs]
     worst = sorted(
         (row for row in rows if row.status != "no_route"),
@@ -388,6 +413,7 @@ def _map_summary(label: str, rows: Sequence[MapRow]) -> dict[str, Any]:
     driven = [row for row in rows if row.status != "no_route"]
     reached = [row for row in driven if row.status == "reached"]
     low, high = trials.wilson(len(reached), len(driven))
+    differed = [row.grids_differed for row in driven if row.grids_differed is not None]
     return {
         "arm": label,
         "runs": len(driven),
@@ -398,7 +424,9 @@ def _map_summary(label: str, rows: Sequence[MapRow]) -> dict[str, Any]:
         "collisions": sum(row.collisions for row in driven),
         "no_go_entries": float(np.mean([row.no_go_entries for row in driven])) if driven else math.nan,
         "probes": float(np.mean([row.probes for row in driven])) if driven else math.nan,
+        "length_ratio": trials.bootstrap_median([row.length_ratio for row in reached if row.length_ratio]),
         "time_ratio": trials.bootstrap_median([row.time_ratio for row in reached if row.time_ratio]),
+        "grids_differed": float(np.mean(differed)) if differed else math.nan,
         "reasons": dict(Counter(row.reason for row in driven if row.status != "reached")),
     }
 
@@ -430,6 +458,10 @@ def _pair(first: str, one: Sequence[MapRow], second: str, other: Sequence[MapRow
         "only_first_reached": only[1],
         "words": words,
     }
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{share:.1%}"
 
 
 def _progress(tell: OnProgress | None) -> Callable[[int, int], None] | None:
