@@ -1,4 +1,4 @@
-"""Trials as a use case: many seeded drives, a table with intervals, CSV, a picture, and the worst runs named.
+"""Trials as a use case: many seeded drives, a table with intervals, CSV, a picture, and logs of the worst runs.
 
 Drawn worlds without a map are ``swathe.trials``; here a scenario with a map is driven under other seeds, several ways
 side by side on the same seeds: with and without probing, with one grid or a pair.
@@ -12,6 +12,7 @@ import itertools
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,17 +20,17 @@ import numpy as np
 import swathe
 from swathe import planner, trials
 from swathe.errors import InvalidParameterError
-from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
+from swathe.export.folder import SUMMARY, WORST_LOGS, run_folder, to_json, write_text
 from swathe.news import NewsDesk
 from swathe.preparation import Stopwatch
-from swathe.scenario import load_scenario
+from swathe.recording import record
+from swathe.scenario import Scenario, load_scenario, scenario_of
 from swathe.staging import NOISE, stage
+from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
-    from swathe.scenario import Scenario
     from swathe.staging import Stage
 
     OnProgress = Callable[[str, int, int], bool]
@@ -42,6 +43,11 @@ METHODS: dict[str, tuple[trials.Method, bool]] = {
     "vfh*": ("vfh*", True),
     "player": ("player", True),
 }
+
+
+#: The sensors of noisy trials, and from which scale on a world is seen through the laser's far mode, as in ``trials``.
+_TRIAL_NOISE = {**NOISE, "heading_noise_rad": 0.01, "fix_heading_noise_rad": 0.05}
+_FAR_SCALE = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +150,20 @@ def run_trials(
     probing: Sequence[str] | None = None,
     noise: bool = False,
     workers: int | None = None,
+    keep: int = 3,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Run trials, write ``trials.csv``, ``trials.png`` and the summary, and return it; ``table`` tells it to people.
+
+    The ``keep`` worst runs are driven once more, each into a log that ``swathe replay`` takes.
 
     Without ``scenario`` worlds are drawn. An interrupt keeps what is done.
 
     Raises:
         InvalidParameterError: something that is asked for does not exist or does not fit the rest.
     """
+    if not 0 <= keep <= len(WORST_LOGS):
+        raise InvalidParameterError(f"{keep} runs cannot be kept.", f"Give 0 to {len(WORST_LOGS)}.")
     if not 1 <= runs <= 1_000_000:
         raise InvalidParameterError(f"{runs} runs cannot be done.", "Give at least 1.")
     unknown = sorted(set(methods or ()) - METHODS.keys())
@@ -198,6 +209,8 @@ def run_trials(
 
         draw_trials(folder / "trials.png", found.picture, found.title)
         outputs = {"summary": SUMMARY, "csv": "trials.csv", "picture": "trials.png"}
+        if found.is_complete:
+            outputs |= _keep(folder, found.again[:keep], on_progress)
         summary["outputs"] = outputs
         write_text(folder / SUMMARY, to_json(summary))
     summary["outputs"] = {name: str(out / path) for name, path in outputs.items()}
@@ -209,11 +222,50 @@ class _Found:
     arms: list[dict[str, Any]]
     pairs: list[dict[str, Any]]
     worst: list[dict[str, Any]]
+    again: list[Scenario]
     table: str
     csv: str
     title: str
     picture: dict[str, dict[str, Any]]
     is_complete: bool
+
+
+def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Scenario:
+    """Return the scenario whose drive is that of a trial in a drawn world, to the bit.
+
+    ``fastest_s`` is that of its row; the trial's time limit comes of it.
+    """
+    scale = trials.scale_of(load_vehicle(trial.vehicle))
+    content = {
+        "title": f"Trial {trial.seed}",
+        "vehicle": trial.vehicle,
+        "seed": trial.seed,
+        "world": {"kind": trial.kind, "density": trial.density, "scale": scale},
+        "drive": {
+            "method": trial.method,
+            "memory": not trial.alone,
+            "recover": not trial.alone,
+            "time_limit_s": max(900.0, 20.0 * (fastest_s or 0.0)),
+        },
+        "sensors": {
+            "laser": "sick-lms200-80m" if scale >= _FAR_SCALE else "sick-lms200-8m",
+            **(_TRIAL_NOISE if trial.noisy else {}),
+        },
+    }
+    return scenario_of(content, "The trial")
+
+
+def _keep(folder: Path, worst: Sequence[Scenario], tell: OnProgress | None) -> dict[str, str]:
+    """Drive the worst runs into logs of their own and return their names."""
+    kept = {}
+    for number, (name, scenario) in enumerate(zip(WORST_LOGS, worst, strict=False)):
+        if tell is not None:
+            tell("worst runs", number, len(worst))
+        made = stage(scenario, watch=Stopwatch())
+        if made.world is not None:
+            record(made, folder / name, body="sim")
+            kept[Path(name).stem] = name
+    return kept
 
 
 def _drawn(
@@ -230,7 +282,8 @@ def _drawn(
     rows, is_complete = trials.run(asked, processes=workers, progress=_progress(tell))
     by_arm = {name: [row for row in rows if (row.method, row.alone) == METHODS[name]] for name in methods}
     arms = [{"arm": name, **asdict(trials.summarise(part))} for name, part in by_arm.items()]
-    worst = [{**asdict(row), "time_ratio": row.time_ratio} for row in trials.worst(rows)]
+    worst_rows = trials.worst(rows)
+    worst = [{**asdict(row), "time_ratio": row.time_ratio} for row in worst_rows]
     head = ("method", "worlds", "passable", "reached", "95 %", "hits", "unseen", "length", "time", "free")
     lines = ["{:10} {:>7} {:>9} {:>8} {:>15} {:>5} {:>7} {:>7} {:>6} {:>6}".format(*head)]
     for arm in arms:
@@ -263,6 +316,7 @@ def _drawn(
         arms=arms,
         pairs=[],
         worst=worst,
+        again=[scenario_of_trial(trials.trial_of(row), row.fastest_s) for row in worst_rows],
         table="\n".join(lines),
         csv=trials.csv_text(rows),
         title=title,
@@ -340,6 +394,7 @@ def _mapped(
         arms=told,
         pairs=pairs,
         worst=[asdict(row) for row in worst],
+        again=[arms[row.arm].with_changes({"seed": row.seed}) for row in worst],
         table="\n".join(lines),
         csv=_csv(rows),
         title=f"{base.title or name}: {len(seeds)} seeds",
