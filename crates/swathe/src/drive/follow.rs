@@ -16,6 +16,7 @@ pub(super) const THREAD_MARGIN_M: f64 = 0.03;
 /// Share of the greatest speed on such a way, and where there is room to turn on the spot and this much more.
 const SHARE: f64 = 0.4;
 const WIDE_SHARE: f64 = 0.8;
+const WIDE_MPS: f64 = 3.0;
 const WIDE_M: f64 = 0.15;
 
 /// Widest turn that is driven on the way, where there is room, instead of on the spot.
@@ -285,7 +286,7 @@ impl Navigator {
         let least_mps = (SHARE * shape.max_speed_mps).min(0.5 + 0.5 * shape.radius_m);
         let room_m = self.around.nearest_m() - shape.half_width_m.min(shape.half_length_m);
         let share = (room_m / shape.radius_m).clamp(0.0, 1.0);
-        let calm_mps = least_mps + share * (WIDE_SHARE * shape.max_speed_mps - least_mps).max(0.0);
+        let calm_mps = least_mps + share * ((WIDE_SHARE * shape.max_speed_mps).min(WIDE_MPS) - least_mps).max(0.0);
         let calm_mps = calm_mps * if backs { 0.5 } else { 1.0 };
         let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
         if !goes_on {

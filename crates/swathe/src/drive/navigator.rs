@@ -290,12 +290,14 @@ impl Navigator {
         }
         let scan = seen.scan.filter(|_| age_s == 0.0);
         let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
+        let stopping_m = self
+            .shape
+            .stopping_m(seen.speed_mps.abs().min(self.shape.max_speed_mps));
         self.around.gather(
-            &self.grid,
+            (&self.grid, SURE),
             &pose,
             &self.shape,
-            reach_m,
-            SURE,
+            (reach_m, stopping_m),
             self.margin_m(seen.speed_mps),
         );
         self.around.add(

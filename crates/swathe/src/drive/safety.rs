@@ -16,19 +16,31 @@ pub(super) struct Surroundings {
     margin_m: f64,
 }
 
-/// Distance in metres that a stop keeps at least, and how much nearer than now it may come.
+/// Distance in metres that a stop keeps at least, how much less when things are as near already, and how much nearer it may come
+/// then.
 const HARD_M: f64 = 0.02;
 const SLACK_M: f64 = 0.003;
+const CREEP_M: f64 = 0.001;
 
 /// Side of the steps in which a way is tried, in cells.
 const STEP_CELLS: f64 = 1.0;
+
+/// Seen cells among the eight around one that make it a seen one.
+const LEAST_SEEN: usize = 5;
 
 /// Steps of a turn that are tried.
 const TURN_STEP_RAD: f64 = 0.06;
 
 impl Surroundings {
     /// Collects the obstacles within reach of a pose.
-    pub fn gather(&mut self, grid: &CertaintyGrid, pose: &Pose, shape: &Shape, reach_m: f64, sure: u8, margin_m: f64) {
+    pub fn gather(
+        &mut self,
+        (grid, sure): (&CertaintyGrid, u8),
+        pose: &Pose,
+        shape: &Shape,
+        (reach_m, stopping_m): (f64, f64),
+        margin_m: f64,
+    ) {
         self.points.clear();
         self.margins.clear();
         self.cell_size_m = grid.params().cell_size_m;
@@ -42,9 +54,9 @@ impl Surroundings {
                 let (x_m, y_m) = (x_m - pose.x_m, y_m - pose.y_m);
                 self.push(shape, (cos * x_m + sin * y_m, cos * y_m - sin * x_m));
             };
-            // Far away one place of a cell is enough.
+            // Beyond where the robot can stop one place of a cell is enough.
             let (x_m, y_m) = grid.met_at((down, right));
-            if (x_m - pose.x_m).hypot(y_m - pose.y_m) < shape.radius_m + 1.0 {
+            if (x_m - pose.x_m).hypot(y_m - pose.y_m) < shape.radius_m + 1.0 + stopping_m {
                 grid.places_of((down, right), grid.parts_met((down, right)))
                     .for_each(&mut take);
             } else {
@@ -102,7 +114,11 @@ impl Surroundings {
             .iter()
             .zip(&self.margins)
             .filter(|&(&(x, y), _)| x.hypot(y) < hull_m)
-            .map(|(&(x, y), &margin_m)| (x, y, margin_m.min(HARD_M) - SLACK_M))
+            .map(|(&(x, y), &margin_m)| {
+                let beyond_m = (x.abs() - shape.half_length_m).max(y.abs() - shape.half_width_m);
+                // What is nearer already may stay as near.
+                (x, y, (margin_m.min(HARD_M) - SLACK_M).min(beyond_m - CREEP_M))
+            })
             .collect();
         if near.is_empty() {
             return true;
@@ -145,11 +161,7 @@ impl Surroundings {
                 let (dx, dy) = (px - x_m, py - y_m);
                 let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
                 if (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m) < margin_m {
-                    // What touches already must at least be left behind.
-                    let leaves = margin_m <= 0.0 && dx.hypot(dy) >= px.hypot(py);
-                    if !leaves {
-                        return false;
-                    }
+                    return false;
                 }
             }
         }
@@ -257,8 +269,10 @@ impl Sight<'_> {
         let x_m = self.pose.x_m + cos * ahead_m - sin * left_m;
         let y_m = self.pose.y_m + sin * ahead_m + cos * left_m;
         let (row, column) = self.grid.cell_of(x_m, y_m);
-        (row - 1..=row + 1)
-            .any(|row| (column - 1..=column + 1).any(|column| self.grid.certainty_of((row, column)).is_some()))
+        let is_seen = |row: i64, column: i64| self.grid.certainty_of((row, column)).is_some();
+        // Beams leave gaps: a cell among seen ones counts, one at their edge does not.
+        let around = || (0..9).filter(|k| is_seen(row - 1 + k / 3, column - 1 + k % 3)).count();
+        is_seen(row, column) || around() >= LEAST_SEEN
     }
 
     fn by_scan(&self, ahead_m: f64, left_m: f64) -> bool {
@@ -322,7 +336,7 @@ mod tests {
             grid.stamp(x, y);
         }
         let mut found = Surroundings::default();
-        found.gather(&grid, &Pose::level(0.0, 0.0, 0.0), &shape(), 5.0, 6, 0.1);
+        found.gather((&grid, 6), &Pose::level(0.0, 0.0, 0.0), &shape(), (5.0, 1.0), 0.1);
         found
     }
 

@@ -63,10 +63,11 @@ impl Navigator {
 
     /// Notes where a scan met something: a single return makes the robot brake, whatever the certainty grid says yet.
     fn note_fresh(&mut self, time_s: f64, pose: &Pose, scan: &Scan) {
+        let (height_m, tolerance_m) = (self.params.sensor_height_m, self.params.ground_tolerance_m);
         let attitude = self
             .region
             .as_ref()
-            .and_then(|region| region.attitude(pose, scan, &self.params));
+            .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m));
         let sensor = pose.of_mount(&scan.mount);
         let places = (0..scan.ranges_m.len()).filter_map(|beam| {
             let told = attitude

@@ -26,9 +26,18 @@ fn line((x1, y1): Point, (x2, y2): Point) -> Vec<Point> {
 }
 
 fn square((x, y): Point, half: f64) -> Vec<Point> {
-    let corners = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)];
+    let corners = [
+        (-half, -half),
+        (half, -half),
+        (half, half),
+        (-half, half),
+        (-half, -half),
+    ];
     let at = |(dx, dy): Point| (x + dx, y + dy);
-    corners.windows(2).flat_map(|pair| line(at(pair[0]), at(pair[1]))).collect()
+    corners
+        .windows(2)
+        .flat_map(|pair| line(at(pair[0]), at(pair[1])))
+        .collect()
 }
 
 enum Told {
@@ -143,7 +152,11 @@ fn a_vehicle_beside_a_wall_gets_away_without_room_to_turn(#[case] right_m: f64, 
     let Told::Way(legs) = search(&shape, &points, &start, (-2.0, 3.0), false) else {
         panic!("it can drive off along the wall");
     };
-    assert!(poses(&start, &legs).into_iter().all(|pose| room_m(&shape, pose, &points) > 0.01));
+    assert!(
+        poses(&start, &legs)
+            .into_iter()
+            .all(|pose| room_m(&shape, pose, &points) > 0.01)
+    );
 }
 
 #[test]
@@ -161,7 +174,11 @@ fn a_vehicle_in_a_crooked_slot_drives_out_of_it() {
     let Told::Way(legs) = search(&shape, &points, &start, (-4.0, 0.0), true) else {
         panic!("it can drive straight ahead");
     };
-    assert!(poses(&start, &legs).into_iter().all(|pose| room_m(&shape, pose, &points) > 0.005));
+    assert!(
+        poses(&start, &legs)
+            .into_iter()
+            .all(|pose| room_m(&shape, pose, &points) > 0.005)
+    );
 }
 
 #[rstest]
@@ -182,7 +199,7 @@ fn around(place: Point, shape: &Shape) -> Surroundings {
     let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
     grid.stamp(place.0, place.1);
     let mut found = Surroundings::default();
-    found.gather(&grid, &Pose::level(0.0, 0.0, 0.0), shape, 5.0, 6, 0.1);
+    found.gather((&grid, 6), &Pose::level(0.0, 0.0, 0.0), shape, (5.0, 1.0), 0.1);
     found
 }
 
@@ -196,7 +213,11 @@ fn a_stop_in_time_is_one_within_what_is_free() {
     // At 1 m/s the vehicle needs 1 m, and 0.495 m are its own.
     for (away_m, expected) in [(1.2, false), (1.75, true)] {
         let there = around((away_m, 0.0), &shape);
-        assert_eq!(there.stays_clear(&shape, (1.0, 0.0), (0.0, 0.0), 0.0), expected, "{away_m}");
+        assert_eq!(
+            there.stays_clear(&shape, (1.0, 0.0), (0.0, 0.0), 0.0),
+            expected,
+            "{away_m}"
+        );
         // To go on for half a second first is another thing.
         assert!(!there.stays_clear(&shape, (1.0, 0.0), (1.0, 0.0), 0.5));
         assert!(there.stays_clear(&shape, (0.0, 0.0), (0.0, 0.0), 0.5));
