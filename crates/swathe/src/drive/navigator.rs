@@ -10,7 +10,7 @@ use super::event::{Command, Event, Reason, Recovery, Status};
 use super::follow::Thread;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
-use super::movers::Movers;
+use super::movers::GivingWay;
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -19,6 +19,7 @@ use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
 use super::thread::Met;
+use super::tracks::Tracks;
 use super::wall::Walk;
 use super::watch::Watch;
 
@@ -68,7 +69,8 @@ pub struct Navigator {
     /// Where things were met, for ways of the footprint itself.
     pub(super) met: Met,
     pub(super) thread: Thread,
-    pub(super) movers: Movers,
+    pub(super) tracks: Tracks,
+    pub(super) giving_way: GivingWay,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -147,7 +149,8 @@ impl Navigator {
             walk: Walk::default(),
             met: Met::new(),
             thread: Thread::default(),
-            movers: Movers::default(),
+            tracks: Tracks::default(),
+            giving_way: GivingWay::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -361,7 +364,7 @@ impl Navigator {
             self.grid.clear();
             self.memory.clear();
             self.met.clear();
-            self.movers.clear();
+            self.tracks.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();

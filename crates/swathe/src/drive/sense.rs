@@ -31,6 +31,8 @@ impl Navigator {
     pub(super) fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
+        let moves = (seen.speed_mps, seen.turn_rate_radps);
+        self.tracks.roll(seen.time_s, pose, moves, step_s);
         let Some(scan) = seen.scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);
@@ -40,17 +42,23 @@ impl Navigator {
         self.refused = None;
         self.scan_time_s = Some(seen.time_s);
         self.take_in(pose, scan);
-        self.movers.work_out(seen.time_s, &self.grid, SURE);
+        self.tracks.observe(seen.time_s, pose, scan);
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
+        let beams = &mut self.tracks.beams;
+        beams.clear();
+        let mut note = |told: Return| {
+            beams.push(told);
+            told
+        };
         match self
             .region
             .as_ref()
             .and_then(|region| region.attitude(pose, scan, &self.params))
         {
-            Some(attitude) => self.grid.observe(pose, scan, |beam| attitude.explain(scan, beam)),
-            None => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
+            Some(attitude) => self.grid.observe(pose, scan, |beam| note(attitude.explain(scan, beam))),
+            None => self.grid.observe(pose, scan, |beam| note(scan.beam(beam))),
         }
         self.remember();
     }
@@ -163,21 +171,10 @@ impl Navigator {
             match self.grid.certainty_of((row, column)) {
                 Some(certainty) if certainty >= SURE => {
                     let parts = self.grid.parts_met((row, column));
-                    if self.met.insert((row, column), parts).is_none()
-                        && let Some(time_s) = self.scan_time_s
-                    {
-                        let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
-                        if self.memory.get(cell) != Seen::Unknown {
-                            self.movers.came(time_s, self.grid.met_at((row, column)));
-                        }
-                    }
+                    self.met.insert((row, column), parts);
                 }
                 Some(certainty) if certainty < GONE => {
-                    if self.met.remove(&(row, column)).is_some()
-                        && let Some(time_s) = self.scan_time_s
-                    {
-                        self.movers.went(time_s, self.grid.met_at((row, column)));
-                    }
+                    self.met.remove(&(row, column));
                 }
                 _ => {}
             }

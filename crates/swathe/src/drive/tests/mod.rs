@@ -3,5 +3,6 @@
 mod bad_input;
 mod closed_loop;
 mod learning;
+mod movers;
 mod ways;
 mod world;
