@@ -68,9 +68,9 @@ const MOST_UNSURE_M: f64 = 6.0;
 /// Tracks nearer together than this are of one thing.
 const TWINS_M: f64 = 0.35;
 
-/// A pose that moves otherwise than the wheels by this much in one step was corrected, and for how long a scan may be late for it.
-const CORRECTED_M: f64 = 0.01;
-const CORRECTED_RAD: f64 = 0.005;
+/// A pose that moves otherwise than the wheels by this much, and half of what they moved, in one step was corrected, and for how long a scan may be late for it.
+const CORRECTED_M: f64 = 0.02;
+const CORRECTED_RAD: f64 = 0.01;
 const LATE_S: f64 = 0.5;
 
 /// A thing that moves, in the frame of the pose.
@@ -334,10 +334,15 @@ impl Tracks {
             self.shifts.pop_back();
         }
         if let Some((then_s, last)) = self.shifts.front_mut() {
+            // A pose that goes on about as the wheels tell is the better odometry: speeds change within a step.
             let here = last.pose(pose);
             let off_m = here.distance_m(&self.odometry);
-            if off_m < CORRECTED_M && wrap(last.turn_rad - shift.turn_rad).abs() < CORRECTED_RAD {
-                (*then_s, *last) = (time_s, shift);
+            let off_rad = wrap(here.heading_rad - self.odometry.heading_rad).abs();
+            if off_m < CORRECTED_M + 0.5 * (speed_mps * step_s).abs()
+                && off_rad < CORRECTED_RAD + 0.5 * (turn_radps * step_s).abs()
+            {
+                *then_s = time_s;
+                self.odometry = here;
                 return;
             }
         }
