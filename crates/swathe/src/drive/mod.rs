@@ -24,6 +24,7 @@ mod steer;
 #[cfg(test)]
 mod tests;
 mod thread;
+mod tracks;
 mod wall;
 mod watch;
 

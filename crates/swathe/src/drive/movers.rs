@@ -1,287 +1,422 @@
-//! What moves: cells in which something came to stand that were seen free all around before. Where they lie and when they came
-//! tells how fast and where to; the robot gives way by braking, waiting or backing.
+//! Giving way to what moves: of the ways in which the vehicle could go on, stop or get out of the way in the next seconds, the one
+//! that keeps it clear of where everything will be by then and still leads on.
+//!
+//! A dynamic window (Fox, Burgard and Thrun 1997) over arcs, speeds and turns in place, with time: a way is weighed against straight
+//! lines through the velocities of what moves, as velocity obstacles do (Fiorini and Shiller 1998).
 
-use std::collections::VecDeque;
+use crate::sensor::{Pose, wrap};
 
-use crate::local::CertaintyGrid;
-use crate::sensor::Pose;
-
-use super::motion::Now;
+use super::motion::{Now, ROLLS_MPS};
 use super::navigator::Navigator;
 use super::params::Shape;
 use super::safety::{Sight, along};
+use super::tracks::Mover;
 
-/// Seconds for which a trace counts, and for which what was met last is where the thing is.
-const TRACE_S: f64 = 2.5;
-const LATELY_S: f64 = 0.6;
+/// Seconds that are looked ahead, in steps that grow from the first to the second after a second.
+const AHEAD_S: f64 = 4.0;
+const STEPS_S: [f64; 2] = [0.1, 0.2];
 
-/// Traces this near to each other, in metres, are of one thing.
-const ONE_M: f64 = 0.7;
+/// Room that is kept from what moves, in metres, more with every second ahead, and what the doubt of its place adds at most.
+const ROOM_M: f64 = 0.3;
+const ROOM_MPS: f64 = 0.08;
+const UNSURE_M: f64 = 0.3;
+const UNSURE_SHARE: f64 = 0.3;
 
-/// Traces, and cells left behind, from which on a thing counts, and seconds that the traces must span.
-const LEAST: usize = 4;
-const LEAST_GONE: usize = 3;
+/// Nearer than this it is a collision, which costs so much.
+const TOUCH_M: f64 = 0.05;
+const TOUCH_COST: f64 = 10.0;
 
-/// What comes lies this far before what goes.
-const AHEAD_M: f64 = 0.15;
-const LEAST_S: f64 = 0.2;
+/// A way that costs no more is driven as wanted.
+const LITTLE_COST: f64 = 0.1;
 
-/// Fastest that is believed, in m/s; slower ones than the least stand.
-const FASTEST_MPS: f64 = 3.0;
-const SLOWEST_MPS: f64 = 0.2;
+/// What a metre of headway in the wanted direction is worth, and by how much another way must be better than the one begun.
+const HEADWAY_WORTH: f64 = 0.1;
+const CHANGE_COST: f64 = 0.25;
 
-/// Half the size of a thing that moves, in metres, and the distance kept from it, more with every second ahead.
-const HALF_M: f64 = 0.3;
-const ROOM_M: f64 = 0.25;
-const ROOM_MPS: f64 = 0.1;
+/// What it costs to go where the sensor does not look.
+const BACK_COST: f64 = 0.3;
 
-/// Seconds that are looked ahead, and how finely.
-const AHEAD_S: f64 = 3.0;
-const STEP_S: f64 = 0.2;
+/// Something that was not seen for this long is looked for, which is worth so much more than to stand.
+const LOOK_S: f64 = 0.7;
+const LOOK_WORTH: f64 = 0.1;
 
-/// A thing that moves.
+/// Longest way that is looked at, and those after which it may stop.
+const REACH_M: f64 = 4.0;
+const WAYS_M: [f64; 2] = [1.2, REACH_M];
+
+/// Room left at the end of a way, and the least speed at which it is worth to leave.
+const SPARE_M: f64 = 0.1;
+const LEAST_MPS: f64 = 0.08;
+
+/// Nearer to a heading than this, the turn is done.
+const TURNED_RAD: f64 = 0.1;
+
+/// Turns in place before driving off.
+const TURNS_RAD: [f64; 6] = [0.4, -0.4, 0.8, -0.8, 1.4, -1.4];
+
+/// Longest that waiting for what moves does not count as trouble.
+const PATIENCE_S: f64 = 20.0;
+
+/// A way to go on: a turn in place, then an arc at a speed for some metres, then rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Mover {
-    pub x_m: f64,
-    pub y_m: f64,
-    pub east_mps: f64,
-    pub north_mps: f64,
+pub(super) struct Plan {
+    pub turn_rad: f64,
+    pub turn_rate_radps: f64,
+    pub curvature_per_m: f64,
+    /// Negative backwards.
+    pub speed_mps: f64,
+    pub way_m: f64,
 }
 
-/// The last traces.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Movers {
-    /// Where and when something came to stand.
-    traces: VecDeque<(f64, f64, f64)>,
-    /// Where and when something was gone.
-    gone: VecDeque<(f64, f64, f64)>,
-    pub found: Vec<Mover>,
-}
-
-impl Movers {
-    pub fn clear(&mut self) {
-        self.traces.clear();
-        self.gone.clear();
-        self.found.clear();
-    }
-
-    /// Notes that something came to stand where ground had been seen.
-    pub fn came(&mut self, time_s: f64, (x_m, y_m): (f64, f64)) {
-        self.traces.push_back((x_m, y_m, time_s));
-    }
-
-    /// Notes that something is gone.
-    pub fn went(&mut self, time_s: f64, (x_m, y_m): (f64, f64)) {
-        self.gone.push_back((x_m, y_m, time_s));
-    }
-
-    /// Works out what moves now.
-    pub fn work_out(&mut self, time_s: f64, grid: &CertaintyGrid, sure: u8) {
-        for traces in [&mut self.traces, &mut self.gone] {
-            while traces.front().is_some_and(|&(.., then)| then < time_s - TRACE_S) {
-                traces.pop_front();
-            }
-        }
-        self.found.clear();
-        if self.gone.len() < LEAST_GONE || self.traces.len() < LEAST {
-            return;
-        }
-        let mut left: Vec<(f64, f64, f64)> = self.traces.iter().copied().collect();
-        while let Some(last) = left.pop() {
-            let mut one = vec![last];
-            let mut k = 0;
-            while k < one.len() {
-                let (x_m, y_m, _) = one[k];
-                k += 1;
-                left.retain(|&trace| {
-                    let near = (trace.0 - x_m).hypot(trace.1 - y_m) < ONE_M;
-                    if near {
-                        one.push(trace);
-                    }
-                    !near
-                });
-            }
-            self.found.extend(mover(&one, &self.gone, time_s, grid, sure));
-        }
-    }
-}
-
-/// What some traces are of: the line through places and times.
-fn mover(
-    traces: &[(f64, f64, f64)],
-    gone: &VecDeque<(f64, f64, f64)>,
-    time_s: f64,
-    grid: &CertaintyGrid,
-    sure: u8,
-) -> Option<Mover> {
-    let count = traces.len() as f64;
-    let latest_s = traces.iter().map(|trace| trace.2).fold(f64::NEG_INFINITY, f64::max);
-    let first_s = traces.iter().map(|trace| trace.2).fold(f64::INFINITY, f64::min);
-    if traces.len() < LEAST || latest_s - first_s < LEAST_S {
-        return None;
-    }
-    let mean = |of: fn(&(f64, f64, f64)) -> f64| traces.iter().map(of).sum::<f64>() / count;
-    let (x_m, y_m, t_s) = (mean(|trace| trace.0), mean(|trace| trace.1), mean(|trace| trace.2));
-    let spread = traces.iter().map(|trace| (trace.2 - t_s).powi(2)).sum::<f64>();
-    let slope = |of: fn(&(f64, f64, f64)) -> f64, middle: f64| {
-        traces
-            .iter()
-            .map(|trace| (trace.2 - t_s) * (of(trace) - middle))
-            .sum::<f64>()
-            / spread
+impl Plan {
+    pub const REST: Self = Self {
+        turn_rad: 0.0,
+        turn_rate_radps: 0.0,
+        curvature_per_m: 0.0,
+        speed_mps: 0.0,
+        way_m: 0.0,
     };
-    let (east_mps, north_mps) = (slope(|trace| trace.0, x_m), slope(|trace| trace.1, y_m));
-    let speed_mps = east_mps.hypot(north_mps);
-    if !(SLOWEST_MPS..=FASTEST_MPS).contains(&speed_mps) {
-        return None;
+
+    /// Whether it only turns, to see.
+    fn is_look(&self) -> bool {
+        self.turn_rad != 0.0 && self.speed_mps == 0.0
     }
-    // What stands leaves nothing behind; what only flickers is gone where it comes.
-    let left: Vec<_> = gone
+
+    /// What to command now for it.
+    fn command(&self, speed_mps: f64) -> (f64, f64) {
+        if self.turn_rad == 0.0 {
+            return (self.speed_mps, self.speed_mps * self.curvature_per_m);
+        }
+        if speed_mps.abs() > ROLLS_MPS {
+            return (0.0, 0.0);
+        }
+        (0.0, self.turn_rate_radps.copysign(self.turn_rad))
+    }
+}
+
+/// What is known of giving way.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GivingWay {
+    /// The way begun, and the heading that it turns to.
+    last: Option<(Plan, f64)>,
+    since_s: Option<f64>,
+}
+
+/// What a plan costs against what moves, and where it leads to: ahead and left after a while.
+pub(super) fn cost(
+    movers: &[Mover],
+    shape: &Shape,
+    pose: &Pose,
+    speed_mps: f64,
+    braking_mps2: f64,
+    plan: &Plan,
+) -> (f64, (f64, f64)) {
+    let (mut ahead_m, mut left_m, mut heading_rad) = (0.0, 0.0, 0.0_f64);
+    let (mut rolls_mps, mut turn_rad, mut way_m) = (speed_mps, plan.turn_rad, plan.way_m);
+    let (sin, cos) = pose.heading_rad.sin_cos();
+    let local: Vec<_> = movers
         .iter()
-        .filter(|left| {
-            traces
-                .iter()
-                .any(|trace| (trace.0 - left.0).hypot(trace.1 - left.1) < ONE_M)
+        .map(|mover| {
+            let (dx, dy) = (mover.x_m - pose.x_m, mover.y_m - pose.y_m);
+            (
+                cos * dx + sin * dy,
+                cos * dy - sin * dx,
+                cos * mover.east_mps + sin * mover.north_mps,
+                cos * mover.north_mps - sin * mover.east_mps,
+                mover.half_m + (UNSURE_SHARE * mover.unsure_m).min(UNSURE_M),
+            )
         })
         .collect();
-    if left.len() < LEAST_GONE {
-        return None;
-    }
-    let few = left.len() as f64;
-    let (left_x_m, left_y_m) = (
-        left.iter().map(|left| left.0).sum::<f64>() / few,
-        left.iter().map(|left| left.1).sum::<f64>() / few,
-    );
-    let ahead_m = ((x_m - left_x_m) * east_mps + (y_m - left_y_m) * north_mps) / speed_mps;
-    if ahead_m < AHEAD_M {
-        return None;
-    }
-    // What has gone again is not there any more.
-    let still = traces
-        .iter()
-        .any(|&(x_m, y_m, _)| grid.certainty_at(x_m, y_m).is_some_and(|certainty| certainty >= sure));
-    if !still {
-        return None;
-    }
-    let lately: Vec<&(f64, f64, f64)> = traces.iter().filter(|trace| trace.2 >= latest_s - LATELY_S).collect();
-    let few = lately.len() as f64;
-    let at_s = lately.iter().map(|trace| trace.2).sum::<f64>() / few;
-    // The traces are its front: the middle follows.
-    let back = HALF_M / speed_mps;
-    let since_s = (time_s - at_s).min(1.0) - back.min(1.0);
-    Some(Mover {
-        x_m: lately.iter().map(|trace| trace.0).sum::<f64>() / few + east_mps * since_s,
-        y_m: lately.iter().map(|trace| trace.1).sum::<f64>() / few + north_mps * since_s,
-        east_mps,
-        north_mps,
-    })
-}
-
-/// Seconds until the footprint comes too near to what moves on an arc at a speed, and the least room on the way.
-fn room(movers: &[Mover], shape: &Shape, pose: &Pose, (speed_mps, curvature): (f64, f64)) -> (f64, f64) {
-    let (mut least_m, mut until_s) = (f64::INFINITY, f64::INFINITY);
-    let (sin, cos) = pose.heading_rad.sin_cos();
-    for k in 0..=(AHEAD_S / STEP_S) as usize {
-        let time_s = k as f64 * STEP_S;
-        let (ahead, left, turn) = along(curvature, speed_mps * time_s);
-        let (x_m, y_m) = (pose.x_m + cos * ahead - sin * left, pose.y_m + sin * ahead + cos * left);
-        let (sin, cos) = (pose.heading_rad + turn).sin_cos();
-        for mover in movers {
-            let (dx, dy) = (
-                mover.x_m + mover.east_mps * time_s - x_m,
-                mover.y_m + mover.north_mps * time_s - y_m,
-            );
+    let (mut most, mut time_s) = (0.0_f64, 0.0);
+    let mut led = None;
+    loop {
+        let (sin, cos) = heading_rad.sin_cos();
+        for &(x_m, y_m, ahead_mps, left_mps, half_m) in &local {
+            let (dx, dy) = (x_m + ahead_mps * time_s - ahead_m, y_m + left_mps * time_s - left_m);
             let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
-            let beyond_m = (ahead.abs() - shape.half_length_m)
+            let gap_m = (ahead.abs() - shape.half_length_m)
                 .max(0.0)
-                .hypot((left.abs() - shape.half_width_m).max(0.0));
-            let room_m = beyond_m - HALF_M - ROOM_M - ROOM_MPS * time_s;
-            least_m = least_m.min(room_m);
-            if room_m < 0.0 {
-                until_s = until_s.min(time_s);
-            }
+                .hypot((left.abs() - shape.half_width_m).max(0.0))
+                - half_m;
+            let later = 1.0 - 0.5 * time_s / AHEAD_S;
+            let cost = if gap_m < TOUCH_M {
+                TOUCH_COST * later
+            } else {
+                (1.0 - gap_m / (ROOM_M + ROOM_MPS * time_s)).max(0.0) * later
+            };
+            most = most.max(cost);
         }
+        if time_s >= AHEAD_S / 2.0 && led.is_none() {
+            led = Some((ahead_m, left_m));
+        }
+        if time_s >= AHEAD_S {
+            return (most, led.unwrap_or((ahead_m, left_m)));
+        }
+        let step_s = STEPS_S[usize::from(time_s > 0.95)];
+        time_s += step_s;
+        let towards = |from: f64, to: f64| {
+            // Brakes work at once, the motor by and by.
+            let slower = to.abs() < from.abs() || to * from < 0.0;
+            let most = step_s * if slower { braking_mps2 } else { shape.acceleration_mps2 };
+            from + (to - from).clamp(-most, most)
+        };
+        if turn_rad != 0.0 {
+            if rolls_mps.abs() > ROLLS_MPS {
+                rolls_mps = towards(rolls_mps, 0.0);
+                ahead_m += rolls_mps * step_s * cos;
+                left_m += rolls_mps * step_s * sin;
+                continue;
+            }
+            rolls_mps = 0.0;
+            let turned_rad = (plan.turn_rate_radps * step_s).min(turn_rad.abs()).copysign(turn_rad);
+            heading_rad += turned_rad;
+            turn_rad -= turned_rad;
+            continue;
+        }
+        let left_mps = (2.0 * braking_mps2 * way_m).sqrt();
+        let wanted_mps = plan.speed_mps.abs().min(left_mps).copysign(plan.speed_mps);
+        rolls_mps = towards(rolls_mps, wanted_mps);
+        let (dx, dy, turned_rad) = along(plan.curvature_per_m, rolls_mps * step_s);
+        ahead_m += cos * dx - sin * dy;
+        left_m += sin * dx + cos * dy;
+        heading_rad += turned_rad;
+        way_m = (way_m - (rolls_mps * step_s).abs()).max(0.0);
     }
-    (until_s, least_m)
 }
 
 impl Navigator {
     /// The command, or another that gives way to what moves.
     pub(super) fn give_way(&mut self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
-        if self.movers.found.is_empty() {
+        let movers = self.movers_near(now);
+        let Some(plan) = self.plan_around(now, wanted, &movers) else {
+            self.giving_way = GivingWay::default();
             return wanted;
+        };
+        // Who waits for others is in no trouble, for a while.
+        let since_s = *self.giving_way.since_s.get_or_insert(now.time_s);
+        if now.time_s - since_s < PATIENCE_S {
+            self.watch.restart();
+            self.blocked_since_s = None;
+        }
+        self.giving_way.last = Some((plan, wrap(now.pose.heading_rad + plan.turn_rad)));
+        plan.command(now.speed_mps)
+    }
+
+    fn movers_near(&self, now: &Now) -> Vec<Mover> {
+        let near_m = self.shape.radius_m + AHEAD_S * (self.shape.max_speed_mps.min(2.0) + 1.0);
+        let mut movers = self.tracks.found(now.time_s);
+        movers.retain(|mover| (mover.x_m - now.pose.x_m).hypot(mover.y_m - now.pose.y_m) < near_m);
+        movers
+    }
+
+    /// The best plan where what is wanted comes too near to what moves.
+    fn plan_around(&self, now: &Now, wanted: (f64, f64), movers: &[Mover]) -> Option<Plan> {
+        if movers.is_empty() {
+            return None;
         }
         let shape = &self.shape;
-        let near_m = shape.radius_m + AHEAD_S * (shape.max_speed_mps.min(3.0) + 1.0) + 1.0;
-        let movers: Vec<Mover> = self
-            .movers
-            .found
-            .iter()
-            .copied()
-            .filter(|mover| (mover.x_m - now.pose.x_m).hypot(mover.y_m - now.pose.y_m) < near_m)
-            .collect();
-        if movers.is_empty() {
-            return wanted;
+        let braking_mps2 = self
+            .braking_mps2(&now.pose, true)
+            .min(self.braking_mps2(&now.pose, false))
+            .max(0.1);
+        let weigh = |plan: &Plan| cost(movers, shape, &now.pose, now.speed_mps, braking_mps2, plan);
+        let on = self.wanted_plan(now, wanted);
+        let (on_cost, led) = weigh(&on);
+        if on_cost <= LITTLE_COST {
+            return None;
         }
-        let curvature = if wanted.0.abs() > 0.01 {
-            wanted.1 / wanted.0
+        let away_m = led.0.hypot(led.1);
+        let towards = if away_m > 0.05 {
+            (led.0 / away_m, led.1 / away_m)
         } else {
-            0.0
+            let off_rad = now.off_rad();
+            (off_rad.cos(), off_rad.sin())
         };
-        // No faster than it drives: what it may reach is looked at again in the next step.
-        let speed_mps = wanted.0.signum() * wanted.0.abs().min(now.speed_mps.abs() + 0.4);
-        let (until_s, _) = room(&movers, shape, &now.pose, (speed_mps, curvature));
-        if until_s.is_infinite() {
-            return wanted;
+        let worth = |plan: &Plan| {
+            let (cost, led) = weigh(plan);
+            let headway_m = (led.0 * towards.0 + led.1 * towards.1).clamp(-2.0, 2.0);
+            let back = if plan.speed_mps < 0.0 { BACK_COST } else { 0.0 };
+            let looks = if plan.is_look() { LOOK_WORTH } else { 0.0 };
+            cost + back - looks - HEADWAY_WORTH * headway_m
+        };
+        let best = self
+            .plans(now, &on, movers)
+            .into_iter()
+            .map(|plan| (worth(&plan), plan))
+            .min_by(|one, other| one.0.total_cmp(&other.0))?;
+        // Who changes his mind at every step gets nowhere.
+        match self.begun(now) {
+            Some(begun) if worth(&begun) <= best.0 + CHANGE_COST => Some(begun),
+            _ => Some(best.1),
         }
-        let (stands_s, stands_m) = room(&movers, shape, &now.pose, (0.0, 0.0));
-        if stands_s.is_infinite() || stands_s > 2.5 {
-            // Slower, or wait until it has passed.
-            for share in [0.6, 0.3] {
-                let slow = share * speed_mps;
-                if room(&movers, shape, &now.pose, (slow, curvature)).0.is_infinite() {
-                    return (slow, slow * curvature);
-                }
+    }
+
+    /// What is left of the way that was begun.
+    fn begun(&self, now: &Now) -> Option<Plan> {
+        let (mut plan, heading_rad) = self.giving_way.last?;
+        if plan.turn_rad != 0.0 {
+            plan.turn_rad = wrap(heading_rad - now.pose.heading_rad);
+            if plan.turn_rad.abs() < TURNED_RAD {
+                plan.turn_rad = 0.0;
             }
-            return (0.0, 0.0);
+        } else if plan.speed_mps != 0.0 {
+            plan.way_m -= now.speed_mps.abs() * now.step_s;
         }
-        // It comes this way: out of it by whichever arc leaves the most room.
+        if plan.speed_mps == 0.0 && plan.turn_rad == 0.0 {
+            return Some(plan);
+        }
+        if plan.turn_rad != 0.0 {
+            let free_rad = self.around.turn_rad(&self.shape, plan.turn_rad);
+            if free_rad.abs() + 1e-9 < plan.turn_rad.abs() {
+                return None;
+            }
+            plan.turn_rate_radps = self.turn_rate_within(free_rad, now);
+        }
+        if plan.speed_mps == 0.0 {
+            return Some(plan);
+        }
+        let forward = plan.speed_mps > 0.0;
+        let free_m = self.free_way_m(now, plan.turn_rad, plan.curvature_per_m, forward) - SPARE_M;
+        plan.way_m = plan.way_m.min(free_m);
+        let safe_mps = self.leaving_mps(now, free_m, forward);
+        plan.speed_mps = plan.speed_mps.abs().min(safe_mps).copysign(plan.speed_mps);
+        (safe_mps >= LEAST_MPS && plan.way_m > 0.0).then_some(plan)
+    }
+
+    /// How fast the vehicle may leave along a free way.
+    fn leaving_mps(&self, now: &Now, free_m: f64, forward: bool) -> f64 {
+        let braking_mps2 = self.braking_mps2(&now.pose, forward);
+        self.shape
+            .speed_for(free_m, braking_mps2, now.age_s + now.step_s.min(0.5))
+            .min(self.shape.max_speed_mps)
+    }
+
+    /// What is wanted, as a plan.
+    fn wanted_plan(&self, now: &Now, (speed_mps, turn_radps): (f64, f64)) -> Plan {
+        if speed_mps.abs() < 0.01 {
+            let turns = turn_radps != 0.0 && self.shape.turns_in_place();
+            return if turns {
+                Plan {
+                    turn_rad: 0.8_f64.copysign(turn_radps),
+                    turn_rate_radps: turn_radps.abs(),
+                    ..Plan::REST
+                }
+            } else {
+                Plan::REST
+            };
+        }
+        let curvature_per_m = turn_radps / speed_mps;
+        Plan {
+            curvature_per_m,
+            speed_mps,
+            way_m: self.free_way_m(now, 0.0, curvature_per_m, speed_mps > 0.0),
+            ..Plan::REST
+        }
+    }
+
+    /// How far the vehicle can go along an arc after a turn in place.
+    fn free_way_m(&self, now: &Now, turn_rad: f64, curvature_per_m: f64, forward: bool) -> f64 {
         let sight = Sight {
             grid: &self.grid,
             pose: &now.pose,
             scan: now.scan,
+        };
+        let reach_m = REACH_M.min(self.around.reach_m());
+        let free_m = if turn_rad == 0.0 {
+            self.around
+                .free_m(&self.shape, curvature_per_m, forward, reach_m, |ahead_m, left_m| {
+                    sight.has(ahead_m, left_m)
+                })
+        } else {
+            let (sin, cos) = turn_rad.sin_cos();
+            self.around.turned(&self.shape, turn_rad).free_m(
+                &self.shape,
+                curvature_per_m,
+                forward,
+                reach_m,
+                |ahead_m, left_m| sight.has(cos * ahead_m - sin * left_m, sin * ahead_m + cos * left_m),
+            )
+        };
+        let pose = Pose {
+            heading_rad: wrap(now.pose.heading_rad + turn_rad),
+            ..now.pose
+        };
+        free_m.min(self.allowed_m(&pose, curvature_per_m, forward, reach_m))
+    }
+
+    /// Ways to go on: as wanted but slower, at rest, and out of the way.
+    fn plans(&self, now: &Now, on: &Plan, movers: &[Mover]) -> Vec<Plan> {
+        let shape = &self.shape;
+        let mut plans = vec![*on, Plan::REST];
+        if on.speed_mps != 0.0 {
+            plans.extend([0.6, 0.3].map(|share| Plan {
+                speed_mps: share * on.speed_mps,
+                ..*on
+            }));
+        }
+        let mut leave = |turn_rad: f64, curvature_per_m: f64, forward: bool, turn_rate_radps: f64| {
+            let free_m = self.free_way_m(now, turn_rad, curvature_per_m, forward) - SPARE_M;
+            let safe_mps = self.leaving_mps(now, free_m, forward);
+            if safe_mps < LEAST_MPS {
+                return;
+            }
+            let side = if forward { 1.0 } else { -1.0 };
+            for way_m in WAYS_M {
+                for share in [1.0, 0.5] {
+                    plans.push(Plan {
+                        turn_rad,
+                        turn_rate_radps,
+                        curvature_per_m,
+                        speed_mps: side * share * safe_mps,
+                        way_m: way_m.min(free_m),
+                    });
+                }
+                if free_m < WAYS_M[0] {
+                    break;
+                }
+            }
         };
         let bend = if shape.turns_in_place() {
             1.0 / shape.radius_m.max(0.4)
         } else {
             1.0 / shape.turn_radius_m
         };
-        let most_mps = (0.6 * shape.max_speed_mps).clamp(0.3_f64.min(shape.max_speed_mps), 1.2);
-        let mut best = ((0.0, 0.0), stands_s.min(AHEAD_S), stands_m);
-        for side in [1.0, -1.0] {
-            for curvature in [0.0, bend, -bend, 0.5 * bend, -0.5 * bend] {
-                let free_m = self
-                    .around
-                    .free_m(shape, curvature, side > 0.0, 2.0, |ahead_m, left_m| {
-                        sight.has(ahead_m, left_m)
-                    });
-                let braking_mps2 = self.braking_mps2(&now.pose, side > 0.0);
-                let free_m = free_m.min(self.allowed_m(&now.pose, curvature, side > 0.0, 2.0));
-                let speed_mps = shape
-                    .speed_for(free_m - 0.05, braking_mps2, now.age_s + now.step_s.min(0.5))
-                    .min(most_mps);
-                if speed_mps < 0.1 {
-                    continue;
-                }
-                // Where it must stop again counts.
-                let mean_mps = side * speed_mps.min(free_m / AHEAD_S);
-                let (until_s, least_m) = room(&movers, shape, &now.pose, (mean_mps, curvature));
-                let until_s = until_s.min(AHEAD_S);
-                if until_s > best.1 + 0.1 || (until_s >= best.1 && least_m > best.2 + 0.02) {
-                    best = ((side * speed_mps, side * speed_mps * curvature), until_s, least_m);
-                }
+        for forward in [true, false] {
+            for curvature_per_m in [0.0, 0.5 * bend, -0.5 * bend, bend, -bend] {
+                leave(0.0, curvature_per_m, forward, 0.0);
             }
         }
-        best.0
+        if shape.turns_in_place() {
+            for turn_rad in TURNS_RAD {
+                let free_rad = self.around.turn_rad(shape, turn_rad);
+                if free_rad.abs() + 1e-9 < turn_rad.abs() {
+                    continue;
+                }
+                let rate_radps = self.turn_rate_within(free_rad, now);
+                leave(turn_rad, 0.0, true, rate_radps);
+                leave(turn_rad, 0.0, false, rate_radps);
+            }
+        }
+        plans.extend(self.looks(now, movers));
+        plans
+    }
+
+    /// Turns in place to where something must be that is not seen.
+    fn looks(&self, now: &Now, movers: &[Mover]) -> Vec<Plan> {
+        if !self.shape.turns_in_place() {
+            return Vec::new();
+        }
+        let towards = |mover: &Mover| {
+            let off_rad = (mover.y_m - now.pose.y_m).atan2(mover.x_m - now.pose.x_m) - now.pose.heading_rad;
+            let turn_rad = wrap(off_rad);
+            let free_rad = self.around.turn_rad(&self.shape, turn_rad);
+            (free_rad.abs() > 2.0 * TURNED_RAD).then(|| Plan {
+                turn_rad: free_rad,
+                turn_rate_radps: self.turn_rate_within(free_rad, now),
+                ..Plan::REST
+            })
+        };
+        let unseen = movers.iter().filter(|mover| mover.unseen_s > LOOK_S);
+        unseen.filter_map(towards).collect()
     }
 }

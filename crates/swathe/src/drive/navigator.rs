@@ -12,7 +12,7 @@ use super::event::{Command, Event, Reason, Recovery, Status};
 use super::follow::Thread;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
-use super::movers::Movers;
+use super::movers::GivingWay;
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -21,6 +21,7 @@ use super::safety::Surroundings;
 use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
 use super::thread::Met;
+use super::tracks::Tracks;
 use super::wall::Walk;
 use super::watch::Watch;
 
@@ -70,7 +71,8 @@ pub struct Navigator {
     /// Where things were met, for ways of the footprint itself.
     pub(super) met: Met,
     pub(super) thread: Thread,
-    pub(super) movers: Movers,
+    pub(super) tracks: Tracks,
+    pub(super) giving_way: GivingWay,
     /// Where the last scans met something, by their time.
     pub(super) fresh: VecDeque<(f64, Vec<(f64, f64)>)>,
     pub(super) attempts: u32,
@@ -149,7 +151,8 @@ impl Navigator {
             walk: Walk::default(),
             met: Met::new(),
             thread: Thread::default(),
-            movers: Movers::default(),
+            tracks: Tracks::default(),
+            giving_way: GivingWay::default(),
             fresh: VecDeque::new(),
             attempts: 0,
             all_attempts: 0,
@@ -374,7 +377,7 @@ impl Navigator {
             self.grid.clear();
             self.memory.clear();
             self.met.clear();
-            self.movers.clear();
+            self.tracks.clear();
             self.fresh.clear();
             self.window = None;
             self.scan_time_s = None;

@@ -14,6 +14,7 @@ pub(super) struct Surroundings {
     margins: Vec<f64>,
     cell_size_m: f64,
     margin_m: f64,
+    reach_m: f64,
 }
 
 /// Distance in metres that a stop keeps at least, how much less when things are as near already, and how much nearer it may come
@@ -45,6 +46,7 @@ impl Surroundings {
         self.margins.clear();
         self.cell_size_m = grid.params().cell_size_m;
         self.margin_m = margin_m;
+        self.reach_m = reach_m;
         let (sin, cos) = pose.heading_rad.sin_cos();
         let (row, column) = grid.cell_of(pose.x_m, pose.y_m);
         let half = ((reach_m + shape.radius_m) / self.cell_size_m).ceil() as i64;
@@ -84,13 +86,10 @@ impl Surroundings {
         }
     }
 
-    fn push(&mut self, shape: &Shape, (ahead, left): (f64, f64)) {
-        let size = self.cell_size_m;
-        let beyond = (ahead.abs() - shape.half_length_m).max(left.abs() - shape.half_width_m);
-        self.points.push((ahead, left));
-        // What is near already may come a little nearer in a step, but not by less than it is known to.
-        let least_m = (0.3 * size).min(0.03).min(beyond - 1e-4);
-        self.margins.push((beyond - 0.2 * size).max(least_m).min(self.margin_m));
+    fn push(&mut self, shape: &Shape, (ahead_m, left_m): (f64, f64)) {
+        let margin_m = self.margin_of(shape, (ahead_m, left_m));
+        self.points.push((ahead_m, left_m));
+        self.margins.push(margin_m);
     }
 
     /// Metres from the body's origin to the nearest obstacle.
@@ -166,6 +165,31 @@ impl Surroundings {
             }
         }
         true
+    }
+
+    /// The same after a turn in place.
+    pub fn turned(&self, shape: &Shape, turn_rad: f64) -> Self {
+        let (sin, cos) = turn_rad.sin_cos();
+        let turn = |&(x, y): &(f64, f64)| (cos * x + sin * y, cos * y - sin * x);
+        let points: Vec<(f64, f64)> = self.points.iter().map(turn).collect();
+        let margins = points.iter().map(|&point| self.margin_of(shape, point)).collect();
+        Self {
+            points,
+            margins,
+            ..*self
+        }
+    }
+
+    /// How near an obstacle may come: what is near already may come a little nearer in a step, but not by less than it is known to.
+    fn margin_of(&self, shape: &Shape, (ahead_m, left_m): (f64, f64)) -> f64 {
+        let beyond = (ahead_m.abs() - shape.half_length_m).max(left_m.abs() - shape.half_width_m);
+        let least_m = (0.3 * self.cell_size_m).min(0.03).min(beyond - 1e-4);
+        (beyond - 0.2 * self.cell_size_m).max(least_m).min(self.margin_m)
+    }
+
+    /// How far around the obstacles are known.
+    pub fn reach_m(&self) -> f64 {
+        self.reach_m
     }
 
     /// Metres that the footprint can go along an arc before it meets an obstacle, or ground that was not seen. Curvature is

@@ -35,6 +35,8 @@ impl Navigator {
     pub(super) fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
+        let moves = (seen.speed_mps, seen.turn_rate_radps);
+        self.tracks.roll(seen.time_s, pose, moves, step_s);
         let Some(scan) = seen.scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);
@@ -45,35 +47,34 @@ impl Navigator {
         self.scan_time_s = Some(seen.time_s);
         self.take_in(pose, scan);
         self.note_fresh(seen.time_s, pose, scan);
-        self.movers.work_out(seen.time_s, &self.grid, SURE);
+        self.tracks.observe(seen.time_s, pose, scan);
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
         let (height_m, tolerance_m) = (self.params.sensor_height_m, self.params.ground_tolerance_m);
+        let beams = &mut self.tracks.beams;
+        beams.clear();
+        let mut note = |told: Return| {
+            beams.push(told);
+            told
+        };
         match self
             .region
             .as_ref()
             .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m))
         {
-            Some(attitude) => self.grid.observe(pose, scan, |beam| attitude.explain(scan, beam)),
-            None => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
+            Some(attitude) => self.grid.observe(pose, scan, |beam| note(attitude.explain(scan, beam))),
+            None => self.grid.observe(pose, scan, |beam| note(scan.beam(beam))),
         }
         self.remember();
     }
 
-    /// Notes where a scan met something: a single return makes the robot brake, whatever the certainty grid says yet.
+    /// Notes where the scan that was just taken in met something: a single return makes the robot brake, whatever the certainty
+    /// grid says yet.
     fn note_fresh(&mut self, time_s: f64, pose: &Pose, scan: &Scan) {
-        let (height_m, tolerance_m) = (self.params.sensor_height_m, self.params.ground_tolerance_m);
-        let attitude = self
-            .region
-            .as_ref()
-            .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m));
         let sensor = pose.of_mount(&scan.mount);
-        let places = (0..scan.ranges_m.len()).filter_map(|beam| {
-            let told = attitude
-                .as_ref()
-                .map_or_else(|| scan.beam(beam), |attitude| attitude.explain(scan, beam));
-            let Return::Obstacle { range_m } = told else {
+        let places = self.tracks.beams.iter().enumerate().filter_map(|(beam, told)| {
+            let &Return::Obstacle { range_m } = told else {
                 return None;
             };
             let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
@@ -81,7 +82,8 @@ impl Navigator {
         });
         let places = places.collect();
         self.fresh.push_back((time_s, places));
-        while self.fresh.len() > FRESH_SCANS || self.fresh.front().is_some_and(|&(then, _)| then < time_s - FRESH_S) {
+        let is_old = |then: f64| then < time_s - FRESH_S;
+        while self.fresh.len() > FRESH_SCANS || self.fresh.front().is_some_and(|&(then, _)| is_old(then)) {
             self.fresh.pop_front();
         }
     }
@@ -206,21 +208,10 @@ impl Navigator {
             match self.grid.certainty_of((row, column)) {
                 Some(certainty) if certainty >= SURE => {
                     let parts = self.grid.parts_met((row, column));
-                    if self.met.insert((row, column), parts).is_none()
-                        && let Some(time_s) = self.scan_time_s
-                    {
-                        let cell = (row.div_euclid(MEMORY_CELLS), column.div_euclid(MEMORY_CELLS));
-                        if self.memory.get(cell) != Seen::Unknown {
-                            self.movers.came(time_s, self.grid.met_at((row, column)));
-                        }
-                    }
+                    self.met.insert((row, column), parts);
                 }
                 Some(certainty) if certainty < GONE => {
-                    if self.met.remove(&(row, column)).is_some()
-                        && let Some(time_s) = self.scan_time_s
-                    {
-                        self.movers.went(time_s, self.grid.met_at((row, column)));
-                    }
+                    self.met.remove(&(row, column));
                 }
                 _ => {}
             }

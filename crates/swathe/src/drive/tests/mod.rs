@@ -3,6 +3,7 @@
 mod bad_input;
 mod closed_loop;
 mod learning;
+mod movers;
 mod threads;
 mod ways;
 mod world;

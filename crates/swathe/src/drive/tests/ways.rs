@@ -1,4 +1,4 @@
-//! Ways of the footprint itself, and what moves.
+//! Ways of the footprint itself.
 
 use proptest::prelude::*;
 use rstest::rstest;
@@ -6,12 +6,11 @@ use rstest::rstest;
 use super::world::vehicle;
 use crate::drive::DriveParams;
 use crate::drive::memory::{Memory, Seen};
-use crate::drive::movers::Movers;
 use crate::drive::params::Shape;
 use crate::drive::thread::{Leg, Met, Search, Threading, after, on_run};
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
-use crate::sensor::{Mount, Pose, Return, Scan, wrap};
+use crate::sensor::{Pose, wrap};
 
 /// A wall from south to north at x = 2 with a gap around y = 0, met to the last part of its cells.
 fn wall_with_gap(grid: &CertaintyGrid, gap_m: f64) -> Met {
@@ -111,51 +110,4 @@ proptest! {
         let (along_m, left_m, off_rad) = on_run(&pose, from, curvature, backs);
         prop_assert!((along_m - way_m).abs() < 1e-6 && (left_m - off_m).abs() < 1e-6 && off_rad.abs() < 1e-6);
     }
-}
-
-/// A grid that holds something at a place.
-fn grid_with(x_m: f64, y_m: f64) -> CertaintyGrid {
-    let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
-    let scan = Scan {
-        ranges_m: vec![x_m.hypot(y_m)],
-        angle_min_rad: y_m.atan2(x_m),
-        angle_increment_rad: 0.0,
-        range_min_m: 0.0,
-        range_max_m: 20.0,
-        mount: Mount::default(),
-    };
-    for _ in 0..10 {
-        grid.observe(&Pose::level(0.0, 0.0, 0.0), &scan, |beam| match scan.beam(beam) {
-            Return::Invalid => Return::Invalid,
-            told => told,
-        });
-    }
-    grid
-}
-
-#[test]
-fn what_walks_is_told_from_what_stands() {
-    let mut movers = Movers::default();
-    for k in 0..20 {
-        let (time_s, y_m) = (f64::from(k) * 0.1, f64::from(k) * 0.08 - 1.0);
-        movers.came(time_s, (3.0, y_m));
-        movers.went(time_s, (3.0, y_m - 0.6));
-    }
-    movers.work_out(2.0, &grid_with(3.0, 0.52), 6);
-    assert_eq!(movers.found.len(), 1);
-    let found = movers.found[0];
-    assert!(
-        (found.north_mps - 0.8).abs() < 0.1 && found.east_mps.abs() < 0.1,
-        "{found:?}"
-    );
-    // What comes and goes in one place moves nowhere.
-    let mut flicker = Movers::default();
-    for k in 0..20 {
-        let time_s = f64::from(k) * 0.1;
-        let y_m = if k % 2 == 0 { 0.5 } else { 0.6 };
-        flicker.came(time_s, (3.0, y_m));
-        flicker.went(time_s, (3.0, y_m));
-    }
-    flicker.work_out(2.0, &grid_with(3.0, 0.52), 6);
-    assert!(flicker.found.is_empty());
 }

@@ -1,0 +1,248 @@
+//! What moves: tracks against worlds that are known, and giving way to it.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use proptest::prelude::*;
+
+use super::world::{World, car, jackal, pioneer};
+use crate::drive::movers::{Plan, cost};
+use crate::drive::params::Shape;
+use crate::drive::tracks::{Mover, Tracks};
+use crate::drive::{DriveParams, Navigator, Observation, Status};
+use crate::grid::Position;
+use crate::sensor::{Mount, Pose, wrap};
+use crate::vehicle::Vehicle;
+
+const STEP_S: f64 = 1.0 / 35.0;
+
+/// A pose that is off the truth: turned and shifted by what the last fix made of it.
+fn told(pose: &Pose, (east_m, north_m, turn_rad): (f64, f64, f64)) -> Pose {
+    let (sin, cos) = turn_rad.sin_cos();
+    Pose::level(
+        east_m + cos * pose.x_m - sin * pose.y_m,
+        north_m + sin * pose.x_m + cos * pose.y_m,
+        wrap(pose.heading_rad + turn_rad),
+    )
+}
+
+/// Watches a world that changes with time from a vehicle that drives an arc; its pose jumps once a second.
+fn watch(
+    world: impl Fn(f64) -> World,
+    (speed_mps, turn_radps): (f64, f64),
+    jumps: &[(f64, f64, f64)],
+    mut each: impl FnMut(f64, &Tracks, (f64, f64, f64)),
+) {
+    let mut tracks = Tracks::default();
+    let mut truth = Pose::default();
+    for k in 0..(jumps.len() * 35) {
+        let time_s = k as f64 * STEP_S;
+        let jump = jumps[k / 35];
+        let pose = told(&truth, jump);
+        tracks.roll(
+            time_s,
+            &pose,
+            (speed_mps, turn_radps),
+            if k == 0 { 0.0 } else { STEP_S },
+        );
+        let scan = world(time_s).scan(&truth, Mount::default(), 181, PI, 8.0);
+        tracks.beams = (0..181).map(|beam| scan.beam(beam)).collect();
+        tracks.observe(time_s, &pose, &scan);
+        each(time_s, &tracks, jump);
+        let middle_rad = truth.heading_rad + turn_radps * STEP_S / 2.0;
+        truth = Pose::level(
+            truth.x_m + speed_mps * STEP_S * middle_rad.cos(),
+            truth.y_m + speed_mps * STEP_S * middle_rad.sin(),
+            wrap(truth.heading_rad + turn_radps * STEP_S),
+        );
+    }
+}
+
+fn fixes() -> impl Strategy<Value = Vec<(f64, f64, f64)>> {
+    prop::collection::vec((-0.2..0.2_f64, -0.2..0.2_f64, -0.05..0.05_f64), 4)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn who_walks_is_found_where_he_is_and_as_fast_as_he_goes(
+        away_m in 2.5..5.0_f64, bearing_rad in -0.5..0.5_f64, course_rad in FRAC_PI_2..3.0 * FRAC_PI_2, walks_mps in 0.4..1.0_f64,
+        drives_mps in 0.0..0.6_f64, turns_radps in -0.2..0.2_f64, fixes in fixes(),
+    ) {
+        let from = (away_m * bearing_rad.cos(), away_m * bearing_rad.sin());
+        let (vx, vy) = (walks_mps * course_rad.cos(), walks_mps * course_rad.sin());
+        // Who walks straight away hides where he goes to: he is found later.
+        let place = |time_s: f64| (from.0 + vx * (time_s - 1.0), from.1 + vy * (time_s - 1.0));
+        let world = |time_s: f64| {
+            let at = place(time_s);
+            World { discs: vec![(at.0, at.1, 0.3)], walls: vec![[(7.5, -4.0), (7.5, 4.0)]] }
+        };
+        let mut wrong = None;
+        watch(world, (drives_mps, turns_radps), &fixes, |time_s, tracks, jump| {
+            let at = place(time_s);
+            if (1.9..2.0).contains(&time_s) && at.0 > 1.0 {
+                let truth = told(&Pose::level(at.0, at.1, course_rad), jump);
+                let found = tracks.found(time_s);
+                let is_right = found.len() == 1 && found.iter().all(|one| {
+                    let off_m = (one.x_m - truth.x_m).hypot(one.y_m - truth.y_m);
+                    let course = truth.heading_rad;
+                    let off_mps = (one.east_mps - walks_mps * course.cos()).hypot(one.north_mps - walks_mps * course.sin());
+                    off_m < 0.2 && off_mps < 0.25
+                });
+                if !is_right {
+                    wrong = Some((time_s, truth, found));
+                }
+            }
+        });
+        prop_assert!(wrong.is_none(), "{wrong:?}");
+    }
+
+    #[test]
+    fn what_stands_never_moves(
+        posts in prop::collection::vec((1.0..7.0_f64, -4.0..4.0_f64, 0.1..0.6_f64), 0..12),
+        drives_mps in -0.5..0.7_f64, turns_radps in -0.6..0.6_f64, fixes in fixes(),
+    ) {
+        let world = World { discs: posts, walls: vec![[(7.5, -4.0), (7.5, 4.0)], [(3.0, 2.0), (6.0, 2.5)]] };
+        let mut wrong = Vec::new();
+        watch(|_| world.clone(), (drives_mps, turns_radps), &fixes, |time_s, tracks, _| wrong.extend(tracks.found(time_s)));
+        prop_assert!(wrong.is_empty(), "{:?}", wrong.first());
+    }
+
+    #[test]
+    fn who_has_gone_out_of_sight_goes_on(north_m in 0.8..2.0_f64, walks_mps in 0.5..1.0_f64) {
+        // From ahead on the left to behind: the fan ends abeam.
+        let place = |time_s: f64| (2.0 - walks_mps * time_s, north_m);
+        let world = |time_s: f64| {
+            let at = place(time_s);
+            World { discs: vec![(at.0, at.1, 0.3)], walls: Vec::new() }
+        };
+        let mut off_m = f64::INFINITY;
+        watch(world, (0.0, 0.0), &[(0.0, 0.0, 0.0); 7], |time_s, tracks, _| {
+            let at = place(time_s);
+            let nearest = tracks.found(time_s).iter().map(|one| (one.x_m - at.0).hypot(one.y_m - at.1)).fold(f64::INFINITY, f64::min);
+            off_m = nearest;
+        });
+        prop_assert!(off_m < 0.6, "{off_m}");
+    }
+}
+
+fn mover() -> impl Strategy<Value = Mover> {
+    (-4.0..4.0_f64, -4.0..4.0_f64, -1.0..1.0_f64, -1.0..1.0_f64).prop_map(|(x_m, y_m, east_mps, north_mps)| Mover {
+        x_m,
+        y_m,
+        east_mps,
+        north_mps,
+        half_m: 0.3,
+        unsure_m: 0.0,
+        unseen_s: 0.0,
+    })
+}
+
+fn plan() -> impl Strategy<Value = Plan> {
+    (-1.4..1.4_f64, -1.0..1.0_f64, -1.0..1.0_f64, 0.0..3.0_f64).prop_map(
+        |(turn_rad, curvature_per_m, speed_mps, way_m)| Plan {
+            turn_rad,
+            turn_rate_radps: 1.0,
+            curvature_per_m,
+            speed_mps,
+            way_m,
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn a_plan_costs_the_same_wherever_it_is_made_and_more_with_more_about(
+        movers in prop::collection::vec(mover(), 1..4), plan in plan(), rolls_mps in -0.5..1.0_f64,
+        shift in (-50.0..50.0_f64, -50.0..50.0_f64, -3.0..3.0_f64),
+    ) {
+        let shape = Shape::of(&jackal(), &DriveParams::default());
+        let weigh = |movers: &[Mover], pose: &Pose| cost(movers, &shape, pose, rolls_mps, 1.5, &plan).0;
+        let here = weigh(&movers, &Pose::default());
+        let there = Pose::level(shift.0, shift.1, shift.2);
+        let turned: Vec<Mover> = movers.iter().map(|one| {
+            let at = told(&Pose::level(one.x_m, one.y_m, 0.0), shift);
+            let speed = told(&Pose::level(one.east_mps, one.north_mps, 0.0), (0.0, 0.0, shift.2));
+            Mover { x_m: at.x_m, y_m: at.y_m, east_mps: speed.x_m, north_mps: speed.y_m, ..*one }
+        }).collect();
+        prop_assert!((weigh(&turned, &there) - here).abs() < 1e-6);
+        prop_assert!(weigh(&movers[1..], &Pose::default()) <= here);
+    }
+
+    #[test]
+    fn who_stands_is_met_exactly_when_a_line_leads_through_him(
+        aside_m in -3.0..3.0_f64, course_rad in 0.0..TAU, walks_mps in 0.8..1.0_f64,
+    ) {
+        // Two metres before he is nearest to the middle of a vehicle at rest, which has the same reach all around.
+        let shape = Shape { half_length_m: 0.2, half_width_m: 0.2, ..Shape::of(&jackal(), &DriveParams::default()) };
+        let (sin, cos) = course_rad.sin_cos();
+        let one = Mover {
+            x_m: -2.0 * cos - aside_m * sin, y_m: -2.0 * sin + aside_m * cos,
+            east_mps: walks_mps * cos, north_mps: walks_mps * sin, half_m: 0.3, unsure_m: 0.0, unseen_s: 0.0,
+        };
+        let (costs, _) = cost(&[one], &shape, &Pose::default(), 0.0, 1.5, &Plan::REST);
+        if aside_m.abs() < 0.4 {
+            prop_assert!(costs > 1.0, "{costs}");
+        }
+        if aside_m.abs() > 0.2 * 1.5 + 0.3 + 0.7 {
+            prop_assert!(costs == 0.0, "{costs}");
+        }
+    }
+}
+
+/// Drives in the open while somebody walks straight across; the least distance between the two, and how it ended.
+fn meeting(vehicle: &Vehicle, walks_mps: f64, course_rad: f64, at_s: f64) -> (f64, Status) {
+    let goal = (12.0, 0.0);
+    let params = DriveParams::default();
+    let mut navigator = Navigator::new(vehicle, Position::new(goal.0, goal.1), None, params).unwrap();
+    let (mut pose, mut speed_mps, mut turn_radps) = (Pose::default(), 0.0, 0.0);
+    let mut least_m = f64::INFINITY;
+    let mut status = Status::Driving;
+    for k in 0..(60.0 / STEP_S) as usize {
+        let time_s = k as f64 * STEP_S;
+        // He is in the middle of the way at that time.
+        let (x_m, y_m) = (
+            6.0 + walks_mps * (time_s - at_s) * course_rad.cos(),
+            walks_mps * (time_s - at_s) * course_rad.sin(),
+        );
+        let world = World {
+            discs: vec![(x_m, y_m, 0.3)],
+            walls: Vec::new(),
+        };
+        least_m = least_m.min(world.clearance_m(&pose, vehicle));
+        let scan = world.scan(&pose, Mount::default(), 181, PI, 8.0);
+        let command = navigator.step(&Observation {
+            time_s,
+            pose,
+            speed_mps,
+            turn_rate_radps: turn_radps,
+            scan: Some(&scan),
+            reading: None,
+        });
+        status = command.status;
+        if status == Status::Reached {
+            break;
+        }
+        (speed_mps, turn_radps) = (command.speed_mps, command.turn_rate_radps);
+        let middle_rad = pose.heading_rad + turn_radps * STEP_S / 2.0;
+        pose = Pose::level(
+            pose.x_m + speed_mps * STEP_S * middle_rad.cos(),
+            pose.y_m + speed_mps * STEP_S * middle_rad.sin(),
+            wrap(pose.heading_rad + turn_radps * STEP_S),
+        );
+    }
+    (least_m, status)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn who_crosses_in_the_open_is_never_touched(
+        walks_mps in 0.3..1.0_f64, course_rad in FRAC_PI_2 - 0.6..FRAC_PI_2 + 0.6, at_s in 2.0..12.0_f64, kind in 0..3_usize,
+    ) {
+        let vehicle = &[jackal(), pioneer(), car()][kind];
+        let (least_m, status) = meeting(vehicle, walks_mps, course_rad, at_s);
+        prop_assert!(least_m > 0.05 && status == Status::Reached, "{least_m} {status:?}");
+    }
+}
