@@ -71,7 +71,7 @@ pub enum Reason {
     ClockWentBack,
     /// The pose jumped.
     PoseJumped,
-    /// An obstacle stands on the goal.
+    /// An obstacle stands on the goal, or what was seen closes it in.
     GoalBlocked,
     /// The goal lies on ground that the map forbids, or outside the map.
     GoalOffMap,
@@ -139,7 +139,7 @@ impl Reason {
             Self::BadState => "The time, pose or speed is not usable.",
             Self::ClockWentBack => "The clock went back.",
             Self::PoseJumped => "The pose jumped.",
-            Self::GoalBlocked => "An obstacle stands on the goal.",
+            Self::GoalBlocked => "An obstacle stands on the goal, or what was seen closes it in.",
             Self::GoalOffMap => "The goal lies outside the map or on ground that the map forbids.",
             Self::Enclosed => "What was seen closes every way to the goal.",
             Self::Trapped => "The robot made no headway.",

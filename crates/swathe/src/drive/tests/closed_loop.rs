@@ -129,12 +129,12 @@ fn every_method_gets_through(#[case] method: Method) {
 }
 
 #[test]
-fn a_closed_ring_is_told_as_no_route() {
+fn a_goal_in_a_closed_ring_is_told_as_blocked() {
     let ring = [(15.0, -3.0), (21.0, -3.0), (21.0, 3.0), (15.0, 3.0), (15.0, -3.0)];
     let drive = Setup::new(&World::with_walls(&[&ring]), jackal(), (1.0, 0.0, 0.0), (18.0, 0.0)).drive();
     assert!(!drive.collided, "{}", told(&drive));
     assert_eq!(drive.status, Status::NoRoute, "{}", told(&drive));
-    assert_eq!(drive.navigator.reason(), Reason::Enclosed);
+    assert_eq!(drive.navigator.reason(), Reason::GoalBlocked);
 }
 
 #[test]
