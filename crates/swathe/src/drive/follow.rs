@@ -13,6 +13,9 @@ use super::thread::{Leg, Search, Threading, on_run};
 /// Distance kept from obstacles on such a way at rest, in metres.
 pub(super) const THREAD_MARGIN_M: f64 = 0.03;
 
+/// And from what is nearer already: less than the search keeps, or its ways could not be begun.
+pub(super) const THREAD_LEAST_M: f64 = 0.018;
+
 /// Share of the greatest speed on such a way, and where there is room to turn on the spot and this much more.
 const SHARE: f64 = 0.4;
 const WIDE_SHARE: f64 = 0.8;

@@ -5,7 +5,7 @@ use crate::nest::Navigability;
 use crate::sensor::{Pose, Scan, wrap};
 
 use super::event::{Event, Recovery};
-use super::follow::THREAD_MARGIN_M;
+use super::follow::{THREAD_LEAST_M, THREAD_MARGIN_M};
 use super::navigator::Navigator;
 use super::params::REST_MPS;
 use super::region::RegionState;
@@ -82,6 +82,15 @@ impl Navigator {
             self.params.margin_m.max(half_m)
         };
         rest_m + 0.05 * speed_mps.abs().min(self.shape.max_speed_mps)
+    }
+
+    /// Distance kept from what is nearer than the margin already.
+    pub(super) fn least_m(&self) -> f64 {
+        if self.recovery == Some(Recovery::Thread) {
+            THREAD_LEAST_M
+        } else {
+            THREAD_MARGIN_M
+        }
     }
 
     /// Chooses where to, how fast, and checks that it is safe.

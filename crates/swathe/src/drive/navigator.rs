@@ -301,7 +301,7 @@ impl Navigator {
             &pose,
             &self.shape,
             (reach_m, stopping_m),
-            self.margin_m(seen.speed_mps),
+            (self.margin_m(seen.speed_mps), self.least_m()),
         );
         self.around.add(
             self.fresh.iter().flat_map(|(_, places)| places).copied(),

@@ -14,6 +14,8 @@ pub(super) struct Surroundings {
     margins: Vec<f64>,
     cell_size_m: f64,
     margin_m: f64,
+    /// What it may come to where things are nearer than the margin already.
+    least_m: f64,
     reach_m: f64,
 }
 
@@ -22,6 +24,9 @@ pub(super) struct Surroundings {
 const HARD_M: f64 = 0.02;
 const SLACK_M: f64 = 0.003;
 const CREEP_M: f64 = 0.001;
+
+/// Distance kept from single returns, which are noisy.
+const UNSURE_M: f64 = 0.01;
 
 /// Side of the steps in which a way is tried, in cells.
 const STEP_CELLS: f64 = 1.0;
@@ -40,12 +45,12 @@ impl Surroundings {
         pose: &Pose,
         shape: &Shape,
         (reach_m, stopping_m): (f64, f64),
-        margin_m: f64,
+        (margin_m, least_m): (f64, f64),
     ) {
         self.points.clear();
         self.margins.clear();
         self.cell_size_m = grid.params().cell_size_m;
-        self.margin_m = margin_m;
+        (self.margin_m, self.least_m) = (margin_m, least_m);
         self.reach_m = reach_m;
         let (sin, cos) = pose.heading_rad.sin_cos();
         let (row, column) = grid.cell_of(pose.x_m, pose.y_m);
@@ -83,6 +88,9 @@ impl Surroundings {
                 continue;
             }
             self.push(shape, (cos * dx + sin * dy, cos * dy - sin * dx));
+            if let Some(margin_m) = self.margins.last_mut() {
+                *margin_m = margin_m.min(UNSURE_M);
+            }
         }
     }
 
@@ -183,7 +191,7 @@ impl Surroundings {
     /// How near an obstacle may come: what is near already may come a little nearer in a step, but not by less than it is known to.
     fn margin_of(&self, shape: &Shape, (ahead_m, left_m): (f64, f64)) -> f64 {
         let beyond = (ahead_m.abs() - shape.half_length_m).max(left_m.abs() - shape.half_width_m);
-        let least_m = (0.3 * self.cell_size_m).min(0.03).min(beyond - 1e-4);
+        let least_m = (0.3 * self.cell_size_m).min(self.least_m).min(beyond - 1e-4);
         (beyond - 0.2 * self.cell_size_m).max(least_m).min(self.margin_m)
     }
 
@@ -360,7 +368,13 @@ mod tests {
             grid.stamp(x, y);
         }
         let mut found = Surroundings::default();
-        found.gather((&grid, 6), &Pose::level(0.0, 0.0, 0.0), &shape(), (5.0, 1.0), 0.1);
+        found.gather(
+            (&grid, 6),
+            &Pose::level(0.0, 0.0, 0.0),
+            &shape(),
+            (5.0, 1.0),
+            (0.1, 0.03),
+        );
         found
     }
 

@@ -164,18 +164,6 @@ fn bit_of([right, down]: [u8; 2]) -> u64 {
     1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
 }
 
-/// Whether a beam touches parts of a cell; its start and its way are in units of cells, right and down.
-fn touches(hits: u64, (row, column): (i64, i64), from: [f64; 2], way: [f64; 2], half_beam_rad: f64) -> bool {
-    let length = way[0].hypot(way[1]);
-    let half_part = std::f64::consts::SQRT_2 / 16.0;
-    (0..64_u32).filter(|part| hits >> part & 1 == 1).any(|part| {
-        let right = column as f64 + (f64::from(part % 8) + 0.5) / 8.0 - from[0];
-        let down = row as f64 + (f64::from(part / 8) + 0.5) / 8.0 - from[1];
-        let aside = (way[0] * down - way[1] * right).abs() / length;
-        aside <= half_part + half_beam_rad * right.hypot(down)
-    })
-}
-
 impl CertaintyGrid {
     /// A window around a place, nothing seen.
     pub fn new(params: CertaintyParams, x_m: f64, y_m: f64) -> Self {
@@ -310,16 +298,14 @@ impl CertaintyGrid {
         }
         // Hits are counted before, so that they win.
         let start = (sensor.x_m, sensor.y_m);
-        let half_beam_rad = 0.5 * scan.angle_increment_rad.abs();
         for &end in &ends {
-            self.cross(start, end, half_beam_rad);
+            self.cross(start, end);
         }
         self.ends = ends;
     }
 
-    /// Counts the cells that a beam crossed, all but the last, nearest first. One in which something was met counts when the beam,
-    /// as wide as half the way to the next ones, touched the parts where it was met: the end of a wall fills no cell.
-    fn cross(&mut self, from: (f64, f64), to: (f64, f64), half_beam_rad: f64) {
+    /// Counts the cells that a beam crossed, all but the last, nearest first.
+    fn cross(&mut self, from: (f64, f64), to: (f64, f64)) {
         let size = self.params.cell_size_m;
         let (mut row, mut column) = self.lattice(from.0, from.1);
         let last = self.lattice(to.0, to.1);
@@ -351,12 +337,7 @@ impl CertaintyGrid {
             if !is_inside && !self.holds((row, column)) {
                 return;
             }
-            let index = self.wrapped((row, column));
-            let evident = &self.evidence[index];
-            let holds = self.certainty[index] != UNSEEN && evident.level > 0 && evident.hits != 0;
-            if !holds || touches(evident.hits, (row, column), place, along, half_beam_rad) {
-                self.count(index, (row, column), change);
-            }
+            self.count(self.wrapped((row, column)), (row, column), change);
             if to_column < to_row {
                 column += step[0];
                 to_column += span[0];

@@ -199,7 +199,7 @@ fn around(place: Point, shape: &Shape) -> Surroundings {
     let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
     grid.stamp(place.0, place.1);
     let mut found = Surroundings::default();
-    found.gather((&grid, 6), &Pose::level(0.0, 0.0, 0.0), shape, (5.0, 1.0), 0.1);
+    found.gather((&grid, 6), &Pose::level(0.0, 0.0, 0.0), shape, (5.0, 1.0), (0.1, 0.03));
     found
 }
 

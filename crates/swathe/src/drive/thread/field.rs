@@ -11,8 +11,8 @@ use super::Known;
 pub(super) const MARGIN_M: f64 = 0.06;
 
 /// How much nearer than now what is near may come, and how near at most.
-const SWING_M: f64 = 0.04;
-const LEAST_M: f64 = 0.015;
+const SWING_M: f64 = 0.035;
+const LEAST_M: f64 = 0.025;
 
 /// Within this many metres of the circle around the footprint ground costs more.
 const NEAR_M: f64 = 0.15;

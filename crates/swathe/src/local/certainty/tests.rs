@@ -167,39 +167,3 @@ proptest! {
         prop_assert!(window.iter().all(|&certainty| certainty <= CERTAINTY_MAX));
     }
 }
-
-#[test]
-fn beams_beside_the_end_of_a_wall_do_not_clear_it() {
-    let mut grid = grid(Evidence::default(), f64::INFINITY);
-    let pose = Pose::level(0.05, 0.05, 0.0);
-    // The end of a wall stands in the upper left corner of a cell, one metre ahead.
-    let towards = |x_m: f64, y_m: f64, range_m: f64| Scan {
-        angle_min_rad: (y_m - 0.05).atan2(x_m - 0.05),
-        ..beam(range_m)
-    };
-    for _ in 0..3 {
-        look(&mut grid, &pose, &towards(1.02, 0.09, 0.971));
-    }
-    let sure = grid.certainty_at(1.02, 0.09);
-    assert!(sure >= Some(12));
-    // Beams through the rest of the cell say nothing of it.
-    for _ in 0..30 {
-        look(&mut grid, &pose, &towards(1.05, 0.02, 3.0));
-    }
-    assert_eq!(grid.certainty_at(1.02, 0.09), sure);
-    // Wider ones may have met it: the same beam, with its neighbours ten degrees away.
-    let mut wide = grid.clone();
-    for _ in 0..30 {
-        let scan = Scan {
-            angle_increment_rad: 0.17,
-            ..towards(1.05, 0.02, 3.0)
-        };
-        look(&mut wide, &pose, &scan);
-    }
-    assert_eq!(wide.certainty_at(1.02, 0.09), Some(0));
-    // It goes: beams through its place tell.
-    for _ in 0..30 {
-        look(&mut grid, &pose, &towards(1.02, 0.09, 3.0));
-    }
-    assert_eq!(grid.certainty_at(1.02, 0.09), Some(0));
-}
