@@ -273,8 +273,8 @@ proptest! {
             tell(&mut knowledge, news, at);
         }
         let (before, route) = (shown(&knowledge), knowledge.route().to_vec());
-        for site in knowledge.probe_sites(at, 40.0, 120.0) {
-            let mut outlook = knowledge.outlook(site);
+        for site in knowledge.probe_sites(at, &route, 40.0, 120.0) {
+            let mut outlook = knowledge.outlook(site, &route);
             while !outlook.is_done() {
                 knowledge.weigh(&mut outlook, 100.0);
             }
@@ -399,7 +399,7 @@ fn a_reading_is_worth_most_where_the_way_depends_on_it() {
     let worth = |knowledge: &mut Knowledge, row: usize, column: usize| {
         let cell = Cell::new(row, column);
         let at = knowledge.geometry().centre(cell);
-        let mut outlook = knowledge.outlook(ProbeSite { cell, at });
+        let mut outlook = knowledge.outlook(ProbeSite { cell, at }, &[]);
         while !outlook.is_done() {
             knowledge.weigh(&mut outlook, 100.0);
         }
