@@ -181,8 +181,8 @@ class TruthPart(_Part):
 
     ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs
     with a radius between the two of ``hollow_m``, in the inner half of ``core_soil``, around it of ``rim_soil``.
-    ``wrong_polygons`` is the share of the soil map's polygons (connected patches of a class) that are of another class as
-    wholes, drawn from ``wrong_soils``; those of start and goal are right.
+    ``wrong_polygons`` is the share of the soil map's polygons (connected patches of a class) that are of another class
+    as wholes, drawn from ``wrong_soils``; those of start and goal are right.
     """
 
     height_error_m: Metres = 0.0

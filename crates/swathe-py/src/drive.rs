@@ -150,7 +150,10 @@ fn knowledge(py: Python<'_>, learning: Learning<'_>) -> PyResult<(Knowledge, Opt
     let layer = layer.map_err(CoreError::from)?;
     let units = units.into_iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
     let (mut params, grids) = (params_of(&belief)?, grids.as_ref().map(grids::params).transpose()?);
-    params.types = params.types.on_day(map.rank.moisture_percent).map_err(CoreError::from)?;
+    params.types = params
+        .types
+        .on_day(map.rank.moisture_percent)
+        .map_err(CoreError::from)?;
     let made = py.detach(|| -> Result<Knowledge, CoreError> {
         Ok(Knowledge::new(map, SoilBelief::new(&layer, &units, params)?)?)
     });

@@ -331,7 +331,11 @@ impl SoilBelief {
             let expected: f64 = mixture.iter().zip(likelihood).map(|(share, value)| share * value).sum();
             for (k, measured) in found.iter_mut().enumerate() {
                 let (same, other) = (near * likelihood[k], (1.0 - near) * expected);
-                let same = if same + other > 0.0 { same / (same + other) } else { near };
+                let same = if same + other > 0.0 {
+                    same / (same + other)
+                } else {
+                    near
+                };
                 measured.other *= 1.0 - same;
                 measured.weight += same;
                 measured.sum_ln += same * (strength_ln + self.params.types.0[k].remoulding_index.ln());
@@ -655,7 +659,13 @@ fn canonical(one: &Placed, other: &Placed) -> std::cmp::Ordering {
 /// Share of a standard normal distribution below a value, to 1e-7 (Abramowitz and Stegun 1964, 26.2.17).
 fn normal_share(value: f64) -> f64 {
     let t = 1.0 / (1.0 + 0.231_641_9 * value.abs());
-    let series = [1.330_274_429, -1.821_255_978, 1.781_477_937, -0.356_563_782, 0.319_381_53];
+    let series = [
+        1.330_274_429,
+        -1.821_255_978,
+        1.781_477_937,
+        -0.356_563_782,
+        0.319_381_53,
+    ];
     let tail = (-0.5 * value * value).exp() / std::f64::consts::TAU.sqrt()
         * t
         * series.iter().fold(0.0, |sum, factor| sum * t + factor);

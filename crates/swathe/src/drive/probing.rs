@@ -110,7 +110,10 @@ impl Navigator {
         if self.probing.state == State::Stopping && stands {
             self.probing.state = State::Waiting { since_s: now.time_s };
             let expected_saving_s = self.probing.saving_s;
-            self.events.push(Event::ProbeWanted { at: cone, expected_saving_s });
+            self.events.push(Event::ProbeWanted {
+                at: cone,
+                expected_saving_s,
+            });
         }
         match self.probing.state {
             State::Driving => None,
@@ -210,7 +213,10 @@ impl Navigator {
         *nearest_m = nearest_m.min(away_m);
         // Across the next line of the map another soil may lie.
         self.probing.left_m = Some((away_m - THERE_M).max(0.0));
-        let unit_here = knowledge.geometry().cell_at(at).map(|cell| knowledge.belief().unit_at(cell));
+        let unit_here = knowledge
+            .geometry()
+            .cell_at(at)
+            .map(|cell| knowledge.belief().unit_at(cell));
         let is_there = away_m <= THERE_M && unit_here == Some(knowledge.belief().unit_at(site.cell));
         if is_there || (is_leaving && away_m <= spacing_m) {
             self.probing.saving_s = Some(*saving);

@@ -205,8 +205,47 @@ mod tests {
             // Six samples at 2.5 .. 15 cm: the mean depth is 8.75 cm.
             let expected = soil.rating_cone_index_kpa(25.0).unwrap() * (0.6 + 0.8 * 0.0875 / 0.15);
             let carries = mean * remoulding_index(soil);
-            assert!((carries / expected - 1.0).abs() < 0.02, "{soil:?}: {carries} {expected}");
+            assert!(
+                (carries / expected - 1.0).abs() < 0.02,
+                "{soil:?}: {carries} {expected}"
+            );
         }
+    }
+
+    #[test]
+    fn the_cone_meets_the_soil_before_the_vehicle_and_says_where() {
+        use crate::sensor::Pose;
+        use crate::sim::{Motion, Robot, RobotParams};
+        let vehicle = crate::vehicle::fixtures::tractor();
+        let geometry = GridGeometry::new(40, 40, 1.0, 0.0, 40.0).unwrap();
+        // Water to the east of 20 m.
+        let soil = |cell: crate::grid::Cell| if cell.column < 20 { SoilClass::Sand } else { SoilClass::None } as u8;
+        let codes = Layer::new(geometry, geometry.cells().map(soil).collect(), "soil").unwrap();
+        let world = World::new(Layer::filled(geometry, 0.0), codes, 25.0).unwrap();
+        let finds = |x_m: f64, boom_m: f64| {
+            let params = RobotParams {
+                penetrometer: Penetrometer {
+                    boom_m,
+                    ..Penetrometer::default()
+                },
+                ..RobotParams::default()
+            };
+            let motion = Motion {
+                steering: crate::sim::Steering::Ackermann,
+                max_acceleration_mps2: 1.0,
+                max_braking_mps2: 3.0,
+                max_turn_rate_radps: 0.6,
+            };
+            let at = Pose::level(x_m, 20.5, 0.0);
+            let (reading, _) = Robot::new(&world, vehicle.clone(), motion, at, params)
+                .unwrap()
+                .push(&world);
+            (reading.x_m, reading.cone_indices_kpa[0] < 50.0)
+        };
+        let half_m = 0.5 * vehicle.length_m;
+        assert_eq!(finds(16.0, 0.5), (16.0 + half_m + 0.5, false));
+        assert_eq!(finds(18.0, 0.5), (18.0 + half_m + 0.5, true));
+        assert_eq!(finds(18.0, -half_m), (18.0, false));
     }
 
     #[test]
