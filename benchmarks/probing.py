@@ -138,7 +138,7 @@ def picture(seed: int, path: Path, name: str) -> None:
     for axis, policy, word in zip(axes, ("never", "where-it-matters"), ("without", "with"), strict=True):
         told = draw(axis, name, seed, policy)
         axis.set_title(f"{word} probing: {told}", fontsize=10)
-    marks = [Patch(color=colour, label=label) for _, colour, label in SOILS]
+    marks: list[Patch | Line2D] = [Patch(color=colour, label=label) for _, colour, label in SOILS]
     marks += [
         Patch(color="#303030", alpha=0.45, label="closed by readings"),
         Line2D([], [], color="black", label="driven"),
