@@ -36,7 +36,7 @@ define announce
 @printf '\n==> %s\n' "$(1)"
 endef
 
-.PHONY: help demo test build bench fmt lock clean
+.PHONY: help demo test build bench trials fmt lock clean
 .PHONY: lint lint-rust lint-python lint-types lint-imports test-rust test-python system-packages bench-packages
 
 help: ## list the targets
@@ -82,9 +82,14 @@ test-python: build system-packages ## the Python tests
 	$(call announce,pytest)
 	@$(BIN)/python -m pytest -n 2
 
-bench: build bench-packages $(VENV)/.peers ## measure against named peers, write benchmarks/RESULTS.md (make bench ONLY="rank route-1000")
+bench: build bench-packages $(VENV)/.peers ## measure against named peers, then run the trials (make bench ONLY="rank route-1000": these alone)
 	$(call announce,benchmarks)
 	@$(BIN)/python benchmarks/run.py $(ONLY)
+	@$(if $(ONLY),,$(MAKE) --no-print-directory trials)
+
+trials: build ## drive the drawn worlds, write benchmarks/TRIALS.md; an hour (make trials TRIALS="--only drawn --worlds 100")
+	$(call announce,trials)
+	@$(BIN)/python benchmarks/trials.py $(TRIALS)
 
 fmt: $(VENV)/.synced ## format Rust and Python in place
 	@cargo fmt --all

@@ -18,6 +18,7 @@ from swathe.episode import (
     Reading,
     Scans,
     Second,
+    Sonar,
 )
 from swathe.runlog import LogHeader, RunLogWriter
 from swathe.sensor import PenetrometerReading
@@ -51,6 +52,16 @@ def made_second(start_s: float = 0.0, *, steps: int = 35, beams: int = 181, seed
         "start_s": start_s,
         "end_s": start_s + 1,
         "scans": Scans(times_s - 0.01, times_s, ranges, -np.pi / 2, np.pi / 180, 0.1, 8.0, (0.2, 0.0, 0.1)),
+        "sonar": Sonar(
+            times_s[:4].repeat(3) - 0.01,
+            times_s[:4].repeat(3),
+            np.tile(np.arange(3, dtype=np.uint8), len(times_s[:4])),
+            np.resize(np.array([0.5, np.inf, np.nan, 2.25, 0.0], np.float32), 3 * len(times_s[:4])),
+            0.5,
+            0.125,
+            5.0,
+            [(0.2, 0.1, 0.5), (0.25, 0.0, 0.0), (0.2, -0.1, -0.5)],
+        ),
         "odometry": motion,
         "truth": Motion(times_s, *(drawn.normal(size=steps).cumsum() for _ in range(7))),
         "commands": Commands(times_s, speeds, turns, drawn.integers(0, 2, steps, np.uint8)),

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import psycopg
 import pytest
 
 import commands
@@ -301,6 +302,20 @@ def test_the_doctor_finds_this_installation_healthy(capsys: pytest.CaptureFixtur
     answer = commands.run_here(capsys, "doctor", "--json").answer
     assert answer["status"] == "done"
     assert all(check["ok"] for check in answer["checks"])
+    extra = next(check for check in answer["checks"] if check["name"] == "psycopg")
+    assert extra["found"].startswith(psycopg.__version__)
+    assert "PostGIS" in extra["found"]
+
+
+def test_the_doctor_says_what_a_missing_extra_is_for(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    finished = commands.run_here(capsys, "doctor")
+    assert finished.code == 0
+    line = next(line for line in finished.out.splitlines() if "psycopg" in line)
+    assert "not here" in line
+    assert "pip install 'swathe[postgis]'" in line
 
 
 def test_debug_shows_where_an_error_came_from(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,17 +7,20 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import commands
-from swathe import driving, proving
+from swathe import driving, proving, trials
 from swathe.errors import InvalidScenarioError
 from swathe.export.folder import RUN_LOG
+from swathe.preparation import Stopwatch
 from swathe.runlog import RunLog, verify
 from swathe.scenario import load_scenario
+from swathe.staging import stage
 
 # The contract of `drive --json`.
 FIELDS = {
@@ -94,6 +97,20 @@ def test_a_finished_drive_is_verified_byte_for_byte(driven: Path) -> None:
     assert (told.code, answer["status"]) == (0, "equal")
     assert answer["verdict"]["compared_bytes"] == (driven / RUN_LOG).stat().st_size
     assert commands.run("replay", str(driven / RUN_LOG)).out.startswith(str(driven / RUN_LOG))
+
+
+@pytest.mark.parametrize("sensor", ["sonar", "both"])
+def test_a_drive_with_a_sonar_ring_is_logged_drawn_and_verified(sensor: str, tmp_path: Path) -> None:
+    out = tmp_path / sensor
+    code, summary = drive("--scenario", "crates", "--vehicle", "pioneer-2dx", "--sensor", sensor, out=out)
+    assert (code, summary["status"], summary["collisions"]) == (0, "reached", 0)
+    log = RunLog.read(out / RUN_LOG)
+    assert len(log.sonar.times_s) > 25 * 8 * (log.seconds - 2)
+    assert len(log.sonar.mounts) == 8
+    assert bool(len(log.scans.times_s)) == (sensor == "both")
+    assert {path.name for path in out.iterdir()} == {"summary.json", "report.html", RUN_LOG, *PICTURES}
+    told = commands.run("replay", str(out), "--verify", "--json")
+    assert (told.code, json.loads(told.out)["status"]) == (0, "equal")
 
 
 def test_news_and_probes_are_verified_too(paper: tuple[Path, dict[str, Any]]) -> None:
@@ -304,6 +321,16 @@ def test_trials_of_drawn_worlds_and_of_a_scenario_tell_a_table(tmp_path: Path) -
     assert [arm["arm"] for arm in summary["arms"]] == ["navigator", "vfh+"]
     assert (tmp_path / "drawn" / "trials.csv").read_text().count("\n") == 7
     assert "navigator" in summary["table"]
+    # The worst are kept, each the drive that its row tells of.
+    assert len(summary["worst"]) >= 3
+    for number, row in enumerate(summary["worst"][:3], 1):
+        log = tmp_path / "drawn" / f"worst-{number}.mcap"
+        outcome = RunLog.read(log).outcome
+        assert outcome is not None
+        assert {name: outcome[name] for name in ("status", "distance_m", "duration_s", "replans")} == {
+            name: row[name] for name in ("status", "distance_m", "duration_s", "replans")
+        }
+    assert driving.replay(log, again=True)["status"] == "equal"
     base = tmp_path / "short.toml"
     base.write_text(
         '[terrain]\ndem = ["bundled:heath"]\nsoil = "bundled:heath"\npoints_crs = "native"\nbounds = [30, 30, 90, 90]\n'
@@ -315,12 +342,25 @@ def test_trials_of_drawn_worlds_and_of_a_scenario_tell_a_table(tmp_path: Path) -
     assert [arm["arm"] for arm in told["arms"]] == ["husky, grids single", "husky, grids or"]
     assert told["pairs"][0]["seeds"] == 2
     assert all(arm["reached"] == 2 for arm in told["arms"])
-    assert {path.name for path in (tmp_path / "mapped").iterdir()} == {"summary.json", "trials.csv", "trials.png"}
+    assert {path.name for path in (tmp_path / "mapped").iterdir()} == {
+        "summary.json", "trials.csv", "trials.png", "worst-1.mcap", "worst-2.mcap", "worst-3.mcap"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize("vehicle", ["jackal", "warthog"])
+def test_a_trial_is_a_scenario(vehicle: str, *, noisy: bool) -> None:
+    trial = trials.Trial(seed=5, kind="corridor", density=4.0, vehicle=vehicle, noisy=noisy)
+    there, _ = trials.begin(trial, records=False)
+    here, _ = stage(proving.scenario_of_trial(trial), watch=Stopwatch()).episode(records=False)
+    ends = [asdict(outcome) | {"longest_step_s": 0.0} for outcome in (there.run(), here.run())]
+    assert ends[0] == ends[1]
 
 
 def test_trials_refuse_what_does_not_fit(tmp_path: Path) -> None:
     for words, said in (
         (("--runs", "0"), "0 runs"),
+        (("--keep", "99"), "99 runs"),
         (("--local", "dwa"), "dwa"),
         (("--grids", "or"), "no map"),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,6 +76,8 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
         ("scan_nan", (), "No beam"),
         ("scan_zero", (), "No beam"),
         ("scan_beams", (0.0,), "cannot be used"),
+        ("scan_beams", (1000.0,), "cannot be used"),
+        ("scan_late", (30.0,), "too old"),
         ("scan_repeated", (), "repeats itself"),
         ("clock_off", (-3.0,), "clock went back"),
         ("pose_off", (5.0, 0.0, 0.0), "pose jumped"),
@@ -92,12 +95,78 @@ def test_a_fault_stops_the_robot_and_is_told(kind: FaultKind, figures: tuple[flo
     assert episode.outcome.collisions == 0
 
 
-@pytest.mark.parametrize("kind", ["scan_late", "scan_swapped", "scan_max"])
-def test_scans_that_are_late_swapped_or_clear_break_nothing(kind: FaultKind) -> None:
-    fault = Fault(kind, 3.0, 4.0, (0.2,))
+@pytest.mark.parametrize(
+    ("kind", "figures"),
+    [("scan_late", (0.2,)), ("scan_late", (2.0,)), ("scan_swapped", ()), ("scan_max", ()), ("scan_beams", (90.0,))],
+)
+def test_scans_that_are_late_swapped_short_or_clear_break_nothing(kind: FaultKind, figures: tuple[float, ...]) -> None:
+    fault = Fault(kind, 3.0, 4.0, figures)
     outcome = begin(params=EpisodeParams(faults=(fault,))).run()
     assert outcome.collisions == 0
     assert outcome.status == "reached"
+
+
+def with_sonar(params: EpisodeParams | None = None, *, has_laser: bool = False, vehicle: str = "jackal") -> Episode:
+    world, start, goal = sim.random_world(3)
+    robot = sim.Robot(world, vehicle, start, params=sim.RobotParams(has_laser=has_laser, sonar=True), seed=3)
+    return Episode(world, robot, Navigator(vehicle, (goal.x_m, goal.y_m)), params=params)
+
+
+@pytest.mark.parametrize("has_laser", [False, True])
+def test_a_sonar_ring_is_driven_with_and_told_cone_by_cone(has_laser: bool) -> None:
+    episode = with_sonar(has_laser=has_laser)
+    seconds = list(episode.seconds())
+    outcome = episode.outcome
+    assert outcome is not None
+    assert (outcome.status, outcome.collisions) == ("reached", 0)
+    assert all(bool(len(second.scans.times_s)) == has_laser for second in seconds)
+    sonar = seconds[1].sonar
+    assert len(sonar.mounts) == 8
+    # 25 shots a second, each of eight cones in order.
+    assert sonar.cones.tolist() == list(range(8)) * 25
+    assert np.ptp(sonar.times_s.reshape(25, 8), axis=1).max() == 0
+    heard = np.isfinite(sonar.ranges_m)
+    assert heard.any()
+    assert (sonar.ranges_m[heard] < sonar.range_max_m).all()
+
+
+def test_a_ring_sits_on_the_edge_of_any_vehicle() -> None:
+    pioneer, tractor = (with_sonar(vehicle=name).advance(0.1).sonar.mounts for name in ("pioneer-2dx", "tractor"))
+    for (x, y, turned), (far_x, far_y, far_turned) in zip(pioneer, tractor, strict=True):
+        assert turned == far_turned
+        assert far_x == pytest.approx(x * 4.4 / 0.44)
+        assert far_y == pytest.approx(y * 2.3 / 0.38)
+
+
+@pytest.mark.parametrize(
+    ("kind", "figures", "reason"),
+    [
+        ("scan_dead", (), "too old"),
+        ("scan_nan", (), "No beam"),
+        ("scan_zero", (), "No beam"),
+        ("scan_beams", (0.0,), "cannot be used"),
+        ("scan_late", (30.0,), "too old"),
+    ],
+)
+def test_a_ring_that_fails_stops_the_robot_and_is_told(
+    kind: FaultKind, figures: tuple[float, ...], reason: str
+) -> None:
+    episode = with_sonar(EpisodeParams(faults=(Fault(kind, 3.0, 9.0, figures),)))
+    seconds = list(episode.seconds())
+    events = [event for second in seconds for event in second.events]
+    told = [event.fields["text"] for event in events if event.kind == "status" and event.fields["status"] == "fault"]
+    assert any(reason in sentence for sentence in told)
+    assert float(np.abs(seconds[7].truth.speed_mps).max()) == 0.0
+    assert episode.outcome is not None
+    assert (episode.outcome.status, episode.outcome.collisions) == ("reached", 0)
+
+
+def test_with_both_sensors_a_dead_one_is_made_up_for() -> None:
+    world, start, goal = sim.random_world(3)
+    params = sim.RobotParams(sonar=True)
+    robot = sim.Robot(world, "jackal", start, params=params, laser=replace(sim.Laser.preset(), dropout=1.0), seed=3)
+    outcome = Episode(world, robot, Navigator("jackal", (goal.x_m, goal.y_m))).run()
+    assert (outcome.status, outcome.collisions) == ("reached", 0)
 
 
 def test_a_probe_stops_the_robot_and_takes_its_time() -> None:

@@ -45,6 +45,7 @@ def test_what_was_written_comes_back(tmp_path: Path) -> None:
     assert np.array_equal(log.scans.ranges_m, joined(made, "scans", "ranges_m"), equal_nan=True)
     for part, name in (
         *(("scans", name) for name in ("times_s", "arrivals_s")),
+        *(("sonar", name) for name in ("times_s", "arrivals_s", "cones")),
         *((part, name) for part in ("odometry", "truth") for name in ("times_s", "x_m", "y_m", "speed_mps")),
         *(("commands", name) for name in ("times_s", "speed_mps", "turn_rate_radps", "status")),
         *(("grids", name) for name in ("times_s", "answers", "navigable")),
@@ -54,6 +55,9 @@ def test_what_was_written_comes_back(tmp_path: Path) -> None:
         assert wanted.shape == found.shape, (part, name)
         assert np.abs(wanted.astype(float) - found).max() <= 1e-9, (part, name)  # times are kept in nanoseconds
     assert log.scans.mount == pytest.approx(made[0].scans.mount)
+    assert np.array_equal(log.sonar.ranges_m, joined(made, "sonar", "ranges_m"), equal_nan=True)
+    assert np.allclose(log.sonar.mounts, made[0].sonar.mounts)
+    assert (log.sonar.cone_rad, log.sonar.range_min_m, log.sonar.range_max_m) == (0.5, 0.125, 5.0)
     assert log.events == [event for second in made for event in second.events]
     assert log.histograms == [histogram for second in made for histogram in second.histograms]
     assert log.readings == [reading for second in made for reading in second.readings]
@@ -133,7 +137,11 @@ def test_messages_are_the_bytes_that_another_serializer_makes(
             if channel.topic == "/scan":
                 stamp = told.header.stamp
                 assert stamp.sec * 10**9 + stamp.nanosec == message.publish_time
-    assert counted == 5 * steps + bool(steps) + 3 + 1 + 1
+            if channel.topic == "/sonar":
+                assert told.header.frame_id in {"sonar_00", "sonar_01", "sonar_02"}
+                assert (told.radiation_type, told.field_of_view, told.max_range) == (told.ULTRASOUND, 0.5, 5.0)
+    # Five messages a step, three cones in at most four shots, the places of laser and cones, and the lines and the map.
+    assert counted == 5 * steps + 3 * min(steps, 4) + 4 * bool(steps) + 3 + 1 + 1
 
 
 def test_independent_readers_agree_on_every_count(tmp_path: Path) -> None:
@@ -271,6 +279,7 @@ def changed(second: Second, part: str, name: str, place: tuple[int, ...]) -> Sec
     ("part", "name", "topic", "field"),
     [
         ("scans", "ranges_m", "/scan", "ranges"),
+        ("sonar", "ranges_m", "/sonar", "range"),
         ("odometry", "x_m", "/odom", "position"),
         ("truth", "speed_mps", "/truth", "linear"),
         ("commands", "turn_rate_radps", "/cmd_vel", "angular"),
@@ -279,7 +288,8 @@ def changed(second: Second, part: str, name: str, place: tuple[int, ...]) -> Sec
 def test_the_first_difference_is_named(tmp_path: Path, part: str, name: str, topic: str, field: str) -> None:
     made = made_log(tmp_path / "a")
     values = getattr(getattr(made[1], part), name)
-    made[1] = changed(made[1], part, name, (20, 3)[: values.ndim])
+    row = 10 if part == "sonar" else 20
+    made[1] = changed(made[1], part, name, (row, 3)[: values.ndim])
     with RunLogWriter(tmp_path / "b", HEADER) as log:
         for second in made:
             log.write(second)
@@ -288,7 +298,8 @@ def test_the_first_difference_is_named(tmp_path: Path, part: str, name: str, top
     verdict = verify(tmp_path / "a", tmp_path / "b")
     assert not verdict
     assert verdict.difference is not None
-    assert verdict.difference.time_s == pytest.approx(made[1].odometry.times_s[20])
+    arrivals_s = getattr(getattr(made[1], part), "arrivals_s", made[1].odometry.times_s)
+    assert verdict.difference.time_s == pytest.approx(arrivals_s[row])
     assert (verdict.difference.topic, verdict.difference.field) == (topic, field)
     assert topic in verdict.words
 

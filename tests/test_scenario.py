@@ -114,6 +114,8 @@ def test_what_a_plan_was_asked_for_comes_back() -> None:
         ({**DRAWN, "obstacles": {"boxes": [{"x_m": 1}]}}, "x_m and y_m, or along"),
         ({**DRAWN, "obstacles": {"boxes": [{"x_m": 1, "y_m": 1, "along": 0.5}]}}, "x_m and y_m, or along"),
         ({**DRAWN, "sensors": {"beam_dropout": 1.5}}, r"sensors\.beam_dropout.*1\.5"),
+        ({**DRAWN, "sensors": {"sensor": "radar"}}, r"sensors\.sensor.*sonar"),
+        ({**DRAWN, "sensors": {"sensor": "sonar"}, "drive": {"method": "player"}}, "laser or both"),
         ({**DRAWN, "drive": {"method": "dwa"}}, r"drive\.method.*vfh"),
         ({**DRAWN, "drive": {"arrival_m": float("nan")}}, r"drive\.arrival_m"),
         ({**MAPPED, "truth": {"patches": [{"soil": "mud", "radius_m": 1, "along": 0.5}]}}, r"truth\.patches\.0\.soil"),

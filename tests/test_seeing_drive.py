@@ -260,9 +260,12 @@ def test_every_drive_can_be_drawn(folder: Path, tmp_path: Path, monkeypatch: pyt
         log.write(nothing)
     bare = RunLog.read(tmp_path / "bare.mcap")
     empty = np.zeros(0)
-    blind = replace(
-        bare, scans=replace(bare.scans, times_s=empty, arrivals_s=empty, ranges_m=np.zeros((0, 0), np.float32))
+    unseen = replace(bare.scans, times_s=empty, arrivals_s=empty, ranges_m=np.zeros((0, 0), np.float32))
+    echoing = replace(bare, scans=unseen)
+    unheard = replace(
+        bare.sonar, times_s=empty, arrivals_s=empty, cones=np.zeros(0, np.uint8), ranges_m=np.zeros(0, np.float32)
     )
+    blind = replace(echoing, sonar=unheard)
     still = replace(bare, movers=replace(bare.movers, times_s=empty, positions_m=np.zeros((0, 0, 2)), radii_m=empty))
     mover, _ = driven(folder, 2, "moving")
     shapes = (
@@ -278,6 +281,7 @@ def test_every_drive_can_be_drawn(folder: Path, tmp_path: Path, monkeypatch: pyt
             Drive(blind, 4.0, 2.0, "Blind", obstacles=shapes, ground=ground()),
             Drive(still, 0.5, 0.4, "Still", goal_m=(500.0, 0.0)),
             mover,
+            Drive(echoing, 0.5, 0.4, "Sonar"),
         )
     ):
         target = tmp_path / f"drive-{number}"
@@ -285,6 +289,18 @@ def test_every_drive_can_be_drawn(folder: Path, tmp_path: Path, monkeypatch: pyt
         drive_pictures.draw(target, shown)
         assert {entry.name for entry in target.iterdir()} == set(DRIVE_PICTURES)
         assert (target / "drive.gif").stat().st_size <= 1_500_000
+
+
+def test_echoes_stand_in_the_middle_of_their_cones(tmp_path: Path) -> None:
+    with RunLogWriter(tmp_path / "a.mcap", HEADER) as log:
+        log.write(made_second())
+    bare = RunLog.read(tmp_path / "a.mcap")
+    scans = replace(bare.scans, times_s=np.zeros(0), arrivals_s=np.zeros(0), ranges_m=np.zeros((0, 0), np.float32))
+    drive = Drive(replace(bare, scans=scans), 0.5, 0.4, "Sonar")
+    # Four shots of three cones; 0.5 m is heard by the first cone of the first shot, 2.25 m by the first of the second.
+    assert drive.scan_before(0.5) == 3
+    assert drive.body_points(0) == pytest.approx(np.array([[0.2 + 0.5 * np.cos(0.5), 0.1 + 0.5 * np.sin(0.5)]]))
+    assert drive.body_points(1)[0] == pytest.approx([0.2 + 2.25 * np.cos(0.5), 0.1 + 2.25 * np.sin(0.5)])
 
 
 def test_what_cannot_be_drawn_is_said(tmp_path: Path) -> None:

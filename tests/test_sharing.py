@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     import postgis
+    from swathe.recording import Live
 
 REGION = "heath"
 FIELD_M = 40.0
@@ -111,7 +112,7 @@ def test_a_drive_under_way_turns_aside_for_what_another_measures(url: str, tmp_p
         assert len(filed) == scout["probes"]
         store.withdraw(REGION, "kept back for the test", author="scout")
 
-        def scout_reports(live: driving.Live) -> None:
+        def scout_reports(live: Live) -> None:
             if live.time_s == 1.0:
                 again = [type(stored)(stored.id + "-again", stored.reading, "scout", stored.time) for stored in filed]
                 store.add_readings(REGION, again)

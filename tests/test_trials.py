@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,7 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from swathe import trials
+from swathe import sim, trials
+from swathe.grid import Position
+from swathe.sensor import Pose
+from swathe.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 WORLDS = 40
 
@@ -56,6 +63,27 @@ def test_nothing_is_shorter_or_faster_than_the_truth_allows(rows: list[trials.Ro
             assert row.time_ratio is not None
             assert row.time_ratio > 1.0
             assert row.goal_distance_m < 1.0
+        assert 0 <= row.free_s <= row.duration_s
+        assert row.free_m <= 1.001 * row.free_at_full_speed_m
+
+
+def test_where_nothing_is_near_the_speed_is_most_of_the_greatest(rows: list[trials.Row]) -> None:
+    summary = trials.summarise(rows)
+    assert summary.free_drives > 0
+    assert summary.free_speed[0] >= 0.8, [row for row in rows if row.free_s]
+
+
+def test_trials_are_drawn_evenly_from_what_there_is() -> None:
+    drawn = [trials.draw(seed) for seed in range(4000)]
+    for name, share in (("kind", trials.KINDS), ("vehicle", trials.VEHICLES)):
+        expected = {value: share.count(value) / len(share) for value in share}
+        found = [sum(getattr(trial, name) == value for trial in drawn) for value in expected]
+        assert stats.chisquare(found, [4000 * part for part in expected.values()]).pvalue > 1e-3
+    low, high = trials.DENSITIES
+    spread = stats.uniform(low, high - low)
+    assert stats.kstest([trial.density for trial in drawn], spread.cdf).pvalue > 1e-3
+    pairs = [(trials.KINDS.index(trial.kind), trial.density) for trial in drawn]
+    assert stats.spearmanr(pairs).pvalue > 1e-3
 
 
 def test_rows_are_the_same_in_any_number_of_workers() -> None:
@@ -84,6 +112,75 @@ def test_rows_come_back_from_their_table(rows: list[trials.Row]) -> None:
         assert line["status"] == row.status
         assert (line["shortest_m"] == "") == (row.shortest_m is None)
         assert trials.trial_of(row).seed == row.seed
+
+
+def test_the_bootstrap_agrees_with_scipys() -> None:
+    values = np.random.default_rng(7).lognormal(0.0, 0.6, size=80)
+    middle, low, high = trials.bootstrap_median(values, draws=20_000)
+    expected = stats.bootstrap(
+        (values,), np.median, n_resamples=20_000, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
+    assert middle == np.median(values)
+    # Both draw: their ends differ by the distance of neighbours in the data.
+    assert low == pytest.approx(expected.low, abs=0.03)
+    assert high == pytest.approx(expected.high, abs=0.03)
+
+
+def drive_east(speed_mps: float, *obstacles: sim.Disc | sim.Wall) -> tuple[float, float]:
+    """Return what counts as free of a Jackal's drive of 30 m to the east, in a world of 200 m, to a goal at 60 m."""
+    world = sim.World(np.zeros((200, 200)), west_m=-100.0, north_m=100.0)
+    world.place(*obstacles)
+    still = sim.Robot(world, "jackal", Pose(0.0, 0.0, 0.0)).state
+    looks = [
+        replace(still, time_s=0.2 * step, speed_mps=speed_mps, pose=Pose(0.2 * step * speed_mps, 0.0, 0.0))
+        for step in range(round(30 / (0.2 * speed_mps)) + 1)
+    ]
+    scenario = sim.Scenario(world, Pose(0.0, 0.0, 0.0), Position(60.0, 0.0))
+    return trials.free_space(scenario, load_vehicle("jackal"), looks)
+
+
+def test_free_space_is_where_nothing_is_near_and_full_speed_could_be_had() -> None:
+    # Full speed 2 m/s, 0.3 s and 2 m/s2 to stop from it: 1.6 m, and 2 m more. Half a body is 0.254 by 0.215 m.
+    assert drive_east(2.0) == pytest.approx((14.8, 29.6), abs=0.01)
+    # A metre a second is missing at first: half a second to get it, at looks of 0.2 s.
+    assert drive_east(1.0) == pytest.approx((29.2, 29.2), abs=0.01)
+    # A pole ahead is near for 2 (3.6 + 0.254 + 0.1) m of 30, and a look at its end counts on.
+    seconds, metres = drive_east(2.0, sim.Disc(15.0, 0.0, 0.1))
+    assert metres == pytest.approx(29.6 - 2 * 3.954, abs=0.9)
+    assert metres == pytest.approx(2 * seconds)
+    # A wall along the way is near all the time, or never.
+    assert drive_east(2.0, sim.Wall([(-50.0, 3.7), (90.0, 3.7)])) == (0.0, 0.0)
+    assert drive_east(2.0, sim.Wall([(-50.0, 3.9), (90.0, 3.9)])) == pytest.approx((14.8, 29.6), abs=0.01)
+
+
+def test_what_moves_takes_free_space_away() -> None:
+    world = sim.World(np.zeros((200, 200)), west_m=-100.0, north_m=100.0)
+    world.set_in_motion(sim.Mover([(-50.0, 1.0), (50.0, 1.0)], 1.0))
+    still = sim.Robot(world, "husky", Pose(0.0, 0.0, 0.0)).state
+    looks = [replace(still, time_s=0.2 * step, speed_mps=1.0) for step in range(500)]
+    scenario = sim.Scenario(world, Pose(0.0, 0.0, 0.0), Position(60.0, 0.0))
+    seconds, _ = trials.free_space(scenario, load_vehicle("husky"), looks)
+    # It passes within 0.3 + 1 / 6 + 2 m of the body, 0.99 m long and 0.67 m wide, once in a hundred seconds.
+    reach_m = math.sqrt((0.3 + 1 / 6 + 2 + 0.3) ** 2 - (1 - 0.335) ** 2) + 0.495
+    assert seconds == pytest.approx(99.8 - 2 * reach_m, abs=0.8)
+
+
+def test_a_ratio_of_sums_comes_with_scipys_interval() -> None:
+    draw = np.random.default_rng(3)
+    wholes = draw.uniform(1, 30, 60)
+    parts = wholes * draw.uniform(0.6, 1.0, 60)
+    middle, low, high = trials.bootstrap_ratio(parts, wholes, draws=20_000)
+
+    def ratio(part: NDArray[np.float64], whole: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = part.sum(axis=axis) / whole.sum(axis=axis)
+        return found
+
+    expected = stats.bootstrap(
+        (parts, wholes), ratio, paired=True, vectorized=True, n_resamples=20_000, method="percentile", rng=draw
+    ).confidence_interval
+    assert middle == pytest.approx(parts.sum() / wholes.sum())
+    assert (low, high) == pytest.approx((expected.low, expected.high), abs=2e-3)
+    assert all(math.isnan(figure) for figure in trials.bootstrap_ratio([], []))
 
 
 @given(count=st.integers(1, 2000), share=st.floats(0, 1))

@@ -151,6 +151,7 @@ class DriveParams:
         margin_m: distance kept from obstacles at rest.
         stale_s: age at which a scan no longer counts.
         sensor_height_m: height of the range sensor.
+        sonar_height_m: height of sonars, whose cones ``sense`` takes in.
         memory: whether a route is laid on what was seen.
         recover: whether the robot gets out of traps.
         probing: when the robot stops for a penetrometer reading: ``never``, ``every N m``, or ``where it matters
@@ -168,6 +169,7 @@ class DriveParams:
     margin_m: float = 0.1
     stale_s: float = 0.5
     sensor_height_m: float = 0.3
+    sonar_height_m: float = 0.18
     memory: bool = True
     recover: bool = True
     probing: str = "never"

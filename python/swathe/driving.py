@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import math
 import tempfile
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from swathe.drive_outputs import drive_summary, write_drive
-from swathe.episode import STATUSES
 from swathe.errors import InputError, UnreadableFileError, UsageError
 from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, run_folder
-from swathe.news import FedNews, LoggedNews, NewsDesk
+from swathe.news import FedNews, LoggedNews
 from swathe.preparation import Stopwatch
+from swathe.recording import Live, record
 from swathe.report import wording
-from swathe.runlog import LogHeader, RunLog, RunLogWriter, verify
+from swathe.runlog import RunLog, verify
 from swathe.scenario import Scenario, scenario_from_toml, scenario_of
 from swathe.sharing import StoreNews
 from swathe.soil_feed import SoilFeed
@@ -27,25 +26,11 @@ from swathe.staging import stage
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from swathe.episode import Outcome, Second
     from swathe.news import NewsSource
     from swathe.staging import Stage
 
     OnProgress = Callable[[str, int, int], bool]
-    OnSecond = Callable[["Live"], None]
-
-
-class Live(NamedTuple):
-    """How a drive stands: simulated time, place as the robot believes, speed, metres to go, and what it has met."""
-
-    time_s: float
-    x_m: float
-    y_m: float
-    speed_mps: float
-    goal_distance_m: float
-    replans: int
-    probes: int
-    status: str
+    OnSecond = Callable[[Live], None]
 
 
 def drive(
@@ -112,56 +97,6 @@ def _drive_into(
     if isinstance(news, StoreNews) and log is not None:
         news.keep_run(log, summary)
     return summary
-
-
-def record(
-    made: Stage, log: Path, *, body: str, news: NewsSource | None = None, on_second: OnSecond | None = None
-) -> Outcome:
-    """Drive to the end, write every second into the log, and return how it went."""
-    episode, navigator = made.episode()
-    desk = NewsDesk(made, navigator, news)
-    counts: Counter[str] = Counter()
-    with RunLogWriter(log, _header(made, body)) as writer:
-        time_s = 0.0
-        while (outcome := episode.outcome) is None:
-            told = desk.tell(time_s)
-            second = episode.advance(1.0)
-            second = replace(second, events=[*told, *second.events])
-            time_s = second.end_s
-            writer.write(second)
-            if isinstance(news, StoreNews):
-                news.file(second)
-            counts.update(event.kind for event in second.events)
-            if on_second is not None:
-                on_second(_live(made, second, counts))
-        writer.close(outcome)
-    return outcome
-
-
-def _live(made: Stage, second: Second, counts: Counter[str]) -> Live:
-    odometry = second.odometry
-    x_m, y_m = float(odometry.x_m[-1]), float(odometry.y_m[-1])
-    return Live(
-        second.end_s,
-        x_m,
-        y_m,
-        float(odometry.speed_mps[-1]),
-        math.hypot(made.goal.x_m - x_m, made.goal.y_m - y_m),
-        counts["route"],
-        counts["probe"],
-        STATUSES[int(second.commands.status[-1])],
-    )
-
-
-def _header(made: Stage, body: str) -> LogHeader:
-    return LogHeader(
-        seed=made.scenario.seed,
-        scenario=made.scenario.to_toml(),
-        vehicle=made.vehicle.name,
-        vehicle_toml=made.vehicle_toml,
-        body=body,
-        inputs=made.inputs,
-    )
 
 
 def scenario_of_plan(folder: Path) -> Scenario:

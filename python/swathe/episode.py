@@ -49,6 +49,29 @@ class Scans:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Sonar:
+    """What the cones of the sonar ring heard, one row a cone, in the order of arrival; no rows without a ring.
+
+    Attributes:
+        times_s: when each was taken, (n,).
+        arrivals_s: when each reached the robot, (n,).
+        cones: number of the cone in the ring, (n,).
+        ranges_m: (n,); infinite is clear, NaN or below ``range_min_m`` invalid.
+        cone_rad: width of a cone.
+        mounts: ahead, left and heading of each cone on the body.
+    """
+
+    times_s: NDArray[np.float64]
+    arrivals_s: NDArray[np.float64]
+    cones: NDArray[np.uint8]
+    ranges_m: NDArray[np.float32]
+    cone_rad: float
+    range_min_m: float
+    range_max_m: float
+    mounts: list[tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """Where a robot was and how it moved, one row a step, each (n,): as it believes, or in truth.
 
@@ -148,6 +171,7 @@ class Second:
 
     Attributes:
         scans: scans that arrived.
+        sonar: what arrived from the sonar ring.
         odometry: the robot as it believes, one row a step.
         truth: the body, the same rows.
         commands: the same rows.
@@ -164,6 +188,7 @@ class Second:
     start_s: float
     end_s: float
     scans: Scans
+    sonar: Sonar
     odometry: Motion
     truth: Motion
     commands: Commands
@@ -237,7 +262,7 @@ class Fault:
     has ``figures[0]`` beams. ``scan_repeated``: the first scan comes again and again. ``scan_late``: scans come
     ``figures[0]`` seconds later. ``scan_swapped``: every other scan comes after the next. ``pose_off``: the pose is off
     by ``figures`` (east, north, heading). ``clock_off``: the clock is off by ``figures[0]`` seconds. ``reading_of``:
-    penetrometer readings say ``figures[0]`` kPa.
+    penetrometer readings say ``figures[0]`` kPa. What befalls scans befalls the cones of a sonar ring too.
     """
 
     kind: FaultKind
@@ -320,6 +345,7 @@ def _second(told: dict[str, Any]) -> Second:
         start_s=told["start_s"],
         end_s=told["end_s"],
         scans=Scans(**told["scans"]),
+        sonar=Sonar(**told["sonar"]),
         odometry=Motion(**told["odometry"]),
         truth=Motion(**told["truth"]),
         commands=Commands(**told["commands"]),

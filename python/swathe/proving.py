@@ -1,4 +1,4 @@
-"""Trials as a use case: many seeded drives, a table with intervals, CSV, a picture, and the worst runs named.
+"""Trials as a use case: many seeded drives, a table with intervals, CSV, a picture, and logs of the worst runs.
 
 Drawn worlds without a map are ``swathe.trials``; here a scenario with a map is driven under other seeds, several ways
 side by side on the same seeds: with and without probing, with one grid or a pair.
@@ -12,6 +12,7 @@ import itertools
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,17 +20,17 @@ import numpy as np
 import swathe
 from swathe import planner, trials
 from swathe.errors import InvalidParameterError
-from swathe.export.folder import SUMMARY, run_folder, to_json, write_text
+from swathe.export.folder import SUMMARY, WORST_LOGS, run_folder, to_json, write_text
 from swathe.news import NewsDesk
 from swathe.preparation import Stopwatch
-from swathe.scenario import load_scenario
+from swathe.recording import record
+from swathe.scenario import Scenario, load_scenario, scenario_of
 from swathe.staging import NOISE, stage
+from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
-    from swathe.scenario import Scenario
     from swathe.staging import Stage
 
     OnProgress = Callable[[str, int, int], bool]
@@ -42,6 +43,11 @@ METHODS: dict[str, tuple[trials.Method, bool]] = {
     "vfh*": ("vfh*", True),
     "player": ("player", True),
 }
+
+
+#: The sensors of noisy trials, and from which scale on a world is seen through the laser's far mode, as in ``trials``.
+_TRIAL_NOISE = {**NOISE, "heading_noise_rad": 0.01, "fix_heading_noise_rad": 0.05}
+_FAR_SCALE = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,10 @@ class MapRow:
 
     Attributes:
         planned_s: time of the route on the map; None when there was none.
-        best_s: time of the best route on the true ground, which nobody knew; None when there is none.
+        best_s: time of the best route on the true ground, which nobody knew; None when there is none. What stands on
+            the ground besides is left out.
+        best_m: its length.
+        grids_differed: share of steps at which the overlapping grids gave different answers; None without steps.
     """
 
     arm: str
@@ -67,6 +76,7 @@ class MapRow:
     reason: str
     planned_s: float | None
     best_s: float | None
+    best_m: float | None = None
     distance_m: float = 0.0
     duration_s: float = 0.0
     min_clearance_m: float | None = None
@@ -75,6 +85,12 @@ class MapRow:
     probes: int = 0
     soil_updates: int = 0
     no_go_entries: int = 0
+    grids_differed: float | None = None
+
+    @property
+    def length_ratio(self) -> float | None:
+        """Driven length over that of the best route on the true ground."""
+        return None if not self.best_m else self.distance_m / self.best_m
 
     @property
     def time_ratio(self) -> float | None:
@@ -89,26 +105,37 @@ def run_map_trial(trial: MapTrial) -> MapRow:
     planned = None if made.found is None or made.found.answer.route is None else made.found.answer.route.time_s
     if made.world is None:
         return MapRow(arm=trial.arm, seed=seed, status="no_route", reason=made.why_not, planned_s=planned, best_s=None)
-    episode, navigator = made.episode(records=False)
+    episode, navigator = made.episode()
     desk = NewsDesk(made, navigator, None)
-    time_s = 0.0
+    time_s, steps, differed = 0.0, 0, 0
     while episode.outcome is None:
         desk.tell(time_s)
-        time_s = episode.advance(1.0).end_s
+        second = episode.advance(1.0)
+        time_s, answers = second.end_s, second.grids.answers
+        steps += len(answers)
+        differed += int(np.count_nonzero(answers.any(axis=1) != answers.all(axis=1)))
     outcome = asdict(episode.outcome)
     kept = {field.name: outcome[field.name] for field in fields(MapRow) if field.name in outcome}
-    return MapRow(arm=trial.arm, seed=seed, planned_s=planned, best_s=_best_s(made), **kept)
+    best = _best(made)
+    return MapRow(
+        arm=trial.arm,
+        seed=seed,
+        planned_s=planned,
+        best_s=None if best is None else best.time_s,
+        best_m=None if best is None else best.length_m,
+        grids_differed=differed / steps if steps else None,
+        **kept,
+    )
 
 
-def _best_s(made: Stage) -> float | None:
-    """Return the time of the best route on the true ground."""
+def _best(made: Stage) -> planner.Route | None:
+    """Return the best route on the true ground."""
     if made.found is None or made.world is None:
         return None
     region = made.found.shown.region
     true = replace(region, elevation_m=made.world.elevation_m, soil=made.world.soil)
     start, goal = made.found.ends
-    answer = planner.plan(true, start, goal, method="exact")
-    return None if answer.route is None else answer.route.time_s
+    return planner.plan(true, start, goal, method="exact").route
 
 
 def run_trials(
@@ -123,15 +150,20 @@ def run_trials(
     probing: Sequence[str] | None = None,
     noise: bool = False,
     workers: int | None = None,
+    keep: int = 3,
     on_progress: OnProgress | None = None,
 ) -> dict[str, Any]:
     """Run trials, write ``trials.csv``, ``trials.png`` and the summary, and return it; ``table`` tells it to people.
+
+    The ``keep`` worst runs are driven once more, each into a log that ``swathe replay`` takes.
 
     Without ``scenario`` worlds are drawn. An interrupt keeps what is done.
 
     Raises:
         InvalidParameterError: something that is asked for does not exist or does not fit the rest.
     """
+    if not 0 <= keep <= len(WORST_LOGS):
+        raise InvalidParameterError(f"{keep} runs cannot be kept.", f"Give 0 to {len(WORST_LOGS)}.")
     if not 1 <= runs <= 1_000_000:
         raise InvalidParameterError(f"{runs} runs cannot be done.", "Give at least 1.")
     unknown = sorted(set(methods or ()) - METHODS.keys())
@@ -177,6 +209,8 @@ def run_trials(
 
         draw_trials(folder / "trials.png", found.picture, found.title)
         outputs = {"summary": SUMMARY, "csv": "trials.csv", "picture": "trials.png"}
+        if found.is_complete:
+            outputs |= _keep(folder, found.again[:keep], on_progress)
         summary["outputs"] = outputs
         write_text(folder / SUMMARY, to_json(summary))
     summary["outputs"] = {name: str(out / path) for name, path in outputs.items()}
@@ -188,11 +222,50 @@ class _Found:
     arms: list[dict[str, Any]]
     pairs: list[dict[str, Any]]
     worst: list[dict[str, Any]]
+    again: list[Scenario]
     table: str
     csv: str
     title: str
     picture: dict[str, dict[str, Any]]
     is_complete: bool
+
+
+def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Scenario:
+    """Return the scenario whose drive is that of a trial in a drawn world, to the bit.
+
+    ``fastest_s`` is that of its row; the trial's time limit comes of it.
+    """
+    scale = trials.scale_of(load_vehicle(trial.vehicle))
+    content = {
+        "title": f"Trial {trial.seed}",
+        "vehicle": trial.vehicle,
+        "seed": trial.seed,
+        "world": {"kind": trial.kind, "density": trial.density, "scale": scale},
+        "drive": {
+            "method": trial.method,
+            "memory": not trial.alone,
+            "recover": not trial.alone,
+            "time_limit_s": max(900.0, 20.0 * (fastest_s or 0.0)),
+        },
+        "sensors": {
+            "laser": "sick-lms200-80m" if scale >= _FAR_SCALE else "sick-lms200-8m",
+            **(_TRIAL_NOISE if trial.noisy else {}),
+        },
+    }
+    return scenario_of(content, "The trial")
+
+
+def _keep(folder: Path, worst: Sequence[Scenario], tell: OnProgress | None) -> dict[str, str]:
+    """Drive the worst runs into logs of their own and return their names."""
+    kept = {}
+    for number, (name, scenario) in enumerate(zip(WORST_LOGS, worst, strict=False)):
+        if tell is not None:
+            tell("worst runs", number, len(worst))
+        made = stage(scenario, watch=Stopwatch())
+        if made.world is not None:
+            record(made, folder / name, body="sim")
+            kept[Path(name).stem] = name
+    return kept
 
 
 def _drawn(
@@ -209,20 +282,22 @@ def _drawn(
     rows, is_complete = trials.run(asked, processes=workers, progress=_progress(tell))
     by_arm = {name: [row for row in rows if (row.method, row.alone) == METHODS[name]] for name in methods}
     arms = [{"arm": name, **asdict(trials.summarise(part))} for name, part in by_arm.items()]
-    worst = [{**asdict(row), "time_ratio": row.time_ratio} for row in trials.worst(rows)]
-    head = ("method", "worlds", "passable", "reached", "95 %", "hits", "unseen", "length", "time")
-    lines = ["{:10} {:>7} {:>9} {:>8} {:>15} {:>5} {:>7} {:>7} {:>6}".format(*head)]
+    worst_rows = trials.worst(rows)
+    worst = [{**asdict(row), "time_ratio": row.time_ratio} for row in worst_rows]
+    head = ("method", "worlds", "passable", "reached", "95 %", "hits", "unseen", "length", "time", "free")
+    lines = ["{:10} {:>7} {:>9} {:>8} {:>15} {:>5} {:>7} {:>7} {:>6} {:>6}".format(*head)]
     for arm in arms:
         low, high = arm["reached_interval"]
         share = arm["reached"] / arm["passable"] if arm["passable"] else math.nan
         lines.append(
             f"{arm['arm']:10} {arm['trials']:>7} {arm['passable']:>9} {share:>8.1%} {low:>7.1%}-{high:<7.1%} "
             f"{arm['collisions_seen']:>5} {arm['collisions_unseen']:>7} {arm['length_ratio'][0]:>7.2f} "
-            f"{arm['time_ratio'][0]:>6.2f}"
+            f"{arm['time_ratio'][0]:>6.2f} {_percent(arm['free_speed'][0]):>6}"
         )
     lines += [
         "hits: ran into what could be seen in time; unseen: into what could not. length and time: medians of what was",
-        "reached over the shortest true way, at full speed. The worst:",
+        "reached over the shortest true way, at full speed. free: speed over the greatest where nothing is near.",
+        "The worst:",
     ]
     lines += [
         f"  seed {bad['seed']}: {bad['vehicle']}, {bad['kind']}, density {bad['density']}, {bad['method']}: "
@@ -241,6 +316,7 @@ def _drawn(
         arms=arms,
         pairs=[],
         worst=worst,
+        again=[scenario_of_trial(trials.trial_of(row), row.fastest_s) for row in worst_rows],
         table="\n".join(lines),
         csv=trials.csv_text(rows),
         title=title,
@@ -295,17 +371,20 @@ def _mapped(
     by_arm = {label: [row for row in rows if row.arm == label] for label in arms}
     told = [_map_summary(label, part) for label, part in by_arm.items()]
     pairs = [_pair(first, by_arm[first], second, by_arm[second]) for first, second in itertools.combinations(by_arm, 2)]
-    lines = [f"{'':28} {'runs':>5} {'reached':>8} {'95 %':>15} {'no-go':>6} {'probes':>7} {'time':>6} {'95 %':>11}"]
+    head = ("", "runs", "reached", "95 %", "no-go", "probes", "length", "time", "95 %", "differ")
+    lines = ["{:28} {:>5} {:>8} {:>15} {:>6} {:>7} {:>6} {:>6} {:>11} {:>6}".format(*head)]
     for arm in told:
         low, high = arm["reached_interval"]
         middle, least, most = arm["time_ratio"]
         lines.append(
             f"{arm['arm']:28} {arm['runs']:>5} {arm['reached_share']:>8.1%} {low:>7.1%}-{high:<7.1%} "
-            f"{arm['no_go_entries']:>6.2f} {arm['probes']:>7.1f} {middle:>6.2f} {least:>5.2f}-{most:<5.2f}"
+            f"{arm['no_go_entries']:>6.2f} {arm['probes']:>7.1f} {arm['length_ratio'][0]:>6.2f} "
+            f"{middle:>6.2f} {least:>5.2f}-{most:<5.2f} {_percent(arm['grids_differed']):>6}"
         )
-    lines.append(
-        "no-go, probes: means of a run; time: median over the best route on the true ground, of what was reached."
-    )
+    lines += [
+        "no-go, probes: means of a run; length, time: medians over the best route on the true ground, of what was",
+        "reached; differ: share of steps at which the overlapping grids gave different answers.",
+    ]
     lines += [pair["words"] for pair in pairs]
     worst = sorted(
         (row for row in rows if row.status != "no_route"),
@@ -315,6 +394,7 @@ def _mapped(
         arms=told,
         pairs=pairs,
         worst=[asdict(row) for row in worst],
+        again=[arms[row.arm].with_changes({"seed": row.seed}) for row in worst],
         table="\n".join(lines),
         csv=_csv(rows),
         title=f"{base.title or name}: {len(seeds)} seeds",
@@ -333,6 +413,7 @@ def _map_summary(label: str, rows: Sequence[MapRow]) -> dict[str, Any]:
     driven = [row for row in rows if row.status != "no_route"]
     reached = [row for row in driven if row.status == "reached"]
     low, high = trials.wilson(len(reached), len(driven))
+    differed = [row.grids_differed for row in driven if row.grids_differed is not None]
     return {
         "arm": label,
         "runs": len(driven),
@@ -343,7 +424,9 @@ def _map_summary(label: str, rows: Sequence[MapRow]) -> dict[str, Any]:
         "collisions": sum(row.collisions for row in driven),
         "no_go_entries": float(np.mean([row.no_go_entries for row in driven])) if driven else math.nan,
         "probes": float(np.mean([row.probes for row in driven])) if driven else math.nan,
+        "length_ratio": trials.bootstrap_median([row.length_ratio for row in reached if row.length_ratio]),
         "time_ratio": trials.bootstrap_median([row.time_ratio for row in reached if row.time_ratio]),
+        "grids_differed": float(np.mean(differed)) if differed else math.nan,
         "reasons": dict(Counter(row.reason for row in driven if row.status != "reached")),
     }
 
@@ -375,6 +458,10 @@ def _pair(first: str, one: Sequence[MapRow], second: str, other: Sequence[MapRow
         "only_first_reached": only[1],
         "words": words,
     }
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{share:.1%}"
 
 
 def _progress(tell: OnProgress | None) -> Callable[[int, int], None] | None:

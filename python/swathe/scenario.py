@@ -259,10 +259,13 @@ class ObstaclesPart(_Part):
 
 
 class SensorsPart(_Part):
-    """``[sensors]``: what the robot carries and how well it knows where it is."""
+    """``[sensors]``: what the robot carries and how well it knows where it is.
 
+    ``sensor``: what it sees with, ``laser``, the Pioneer's ring of sonars, or both.
+    """
+
+    sensor: Literal["laser", "sonar", "both"] = "laser"
     laser: Literal["sick-lms200-8m", "sick-lms200-80m", "sick-lms200-8m-361", "sick-lms200-80m-361"] = "sick-lms200-8m"
-    sonar: bool = False
     beam_dropout: Share = 0.0
     scan_delay_s: Seconds = 0.0
     scan_dropout: Share = 0.0
@@ -296,10 +299,11 @@ class SoilNews(_Part):
 
 
 class WorldPart(_Part):
-    """``[world]``: a drawn world without a map, instead of ``[terrain]``."""
+    """``[world]``: a drawn world without a map, instead of ``[terrain]``; ``scale`` enlarges it for larger vehicles."""
 
     kind: Literal["clutter", "corridor", "u-trap", "dead-end", "moving"] = "clutter"
     density: float = Field(default=2.5, ge=0, le=50)
+    scale: float = Field(default=1.0, ge=1, le=20)
 
 
 class Scenario(_Part):
@@ -326,6 +330,8 @@ class Scenario(_Part):
             raise ValueError("drive.start and drive.goal are needed with a [terrain]")
         if self.world is not None and (self.truth != TruthPart() or self.soil_news or self.probing.policy != "never"):
             raise ValueError("a drawn [world] has no map of the soil: leave out truth, probing and soil_news")
+        if self.sensors.sensor == "sonar" and self.drive.method == "player":
+            raise ValueError("drive.method player steers by scans of a laser: sensors.sensor must be laser or both")
         return self
 
     def terrain_request(self) -> TerrainRequest:

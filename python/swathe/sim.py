@@ -274,12 +274,16 @@ class Laser:
 class RobotParams:
     """How exactly a robot moves and knows where it is; the usual values give exact poses without delay.
 
+    ``sonar`` gives it the Pioneer's ring, drawn out to the vehicle's length and width; without ``has_laser`` that is
+    all it sees with.
+
     Odometry: ``scale_error`` and ``heading_drift_radps`` are deviations drawn once a run; noises are per root of a
     metre driven; ``blind_to_slip`` makes it count wheels. Fixes replace the estimate ``fix_rate_hz`` times a second, or
     with ``fuses_fixes`` are weighed against it by the variances of both. ``probe_boom_m`` is the distance from the
     vehicle's front edge forwards to the cone of the penetrometer, at most 20 m either way.
     """
 
+    has_laser: bool = True
     sonar: bool = False
     scan_delay_s: float = 0.0
     scan_dropout: float = 0.0

@@ -113,7 +113,8 @@ class Stage:
         laser = sim.Laser.preset(sensors.laser)
         laser = replace(laser, dropout=sensors.beam_dropout) if sensors.beam_dropout else laser
         params = sim.RobotParams(
-            sonar=sensors.sonar,
+            has_laser=sensors.sensor != "sonar",
+            sonar=sensors.sensor != "laser",
             scan_delay_s=sensors.scan_delay_s,
             scan_dropout=sensors.scan_dropout,
             scale_error=sensors.scale_error,
@@ -178,7 +179,8 @@ def stage(
     """
     vehicle, toml = _vehicle(scenario.vehicle, vehicle_toml)
     if scenario.world is not None:
-        drawn = sim.random_world(scenario.seed, density=scenario.world.density, kind=scenario.world.kind)
+        asked = scenario.world
+        drawn = sim.random_world(scenario.seed, density=asked.density, kind=asked.kind, scale=asked.scale)
         points = np.array([(drawn.start.x_m, drawn.start.y_m), (drawn.goal.x_m, drawn.goal.y_m)])
         return Stage(scenario, vehicle, toml, None, drawn.world, drawn.start, drawn.goal, Route(points))
     terrain, settings = scenario.terrain_request(), scenario.settings()

@@ -17,16 +17,18 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
+import shapely
 
 from swathe import sim
 from swathe.drive import DriveParams, Navigator
 from swathe.episode import Episode, EpisodeParams
+from swathe.random import uniform
 from swathe.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -45,6 +47,16 @@ _RADIUS_M = 0.7
 
 #: The laser's 80 m mode from this scale on.
 _FAR_SCALE = 1.2
+
+#: Streams of ``swathe.random``; resampling takes the next one for every block of so many numbers.
+_DRAW, _RESAMPLE = 103, 1000
+_BLOCK = 1 << 22
+
+#: Free space: nothing, and not the goal, nearer to the footprint than the vehicle's stopping distance and so much more.
+_FREE_BEYOND_M = 2.0
+
+#: Seconds between two looks at where the robot is and how fast.
+_LOOK_S = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +91,10 @@ class Row:
         fastest_s: that way at the vehicle's greatest speed.
         status: as in ``episode.Outcome``, or ``not_passable``.
         seen_in_time: whether what was run into could have been seen while there was time to stop.
+        free_s: seconds in free space: everything that stands or moves, and the goal, is farther from the footprint than
+            the vehicle's stopping distance from its greatest speed and 2 m, and has been for as long as the vehicle
+            needs to come to that speed from the one at which it got there.
+        free_m: metres driven in them.
         cpu_s: CPU seconds of the drive; differs from run to run.
     """
 
@@ -103,7 +119,14 @@ class Row:
     replans: int = 0
     goal_distance_m: float = math.nan
     top_speed_mps: float = 0.0
+    free_s: float = 0.0
+    free_m: float = 0.0
     cpu_s: float = 0.0
+
+    @property
+    def free_at_full_speed_m(self) -> float:
+        """Metres that the vehicle's greatest speed makes in the seconds in free space."""
+        return 0.0 if not self.fastest_s or not self.shortest_m else self.free_s * self.shortest_m / self.fastest_s
 
     @property
     def length_ratio(self) -> float | None:
@@ -118,13 +141,13 @@ class Row:
 
 def draw(seed: int, *, noisy: bool = False, vehicles: Sequence[str] = VEHICLES) -> Trial:
     """Draw a trial: its kind of world, its density of crates and its vehicle."""
-    chance = np.random.Generator(np.random.PCG64(seed))
+    kind, crates, vehicle = (float(chance) for chance in uniform(seed, _DRAW, 3))
     low, high = DENSITIES
     return Trial(
         seed=seed,
-        kind=KINDS[int(chance.integers(len(KINDS)))],
-        density=round(float(chance.uniform(low, high)), 2),
-        vehicle=vehicles[int(chance.integers(len(vehicles)))],
+        kind=KINDS[int(kind * len(KINDS))],
+        density=round(low + (high - low) * crates, 2),
+        vehicle=vehicles[int(vehicle * len(vehicles))],
         noisy=noisy,
     )
 
@@ -143,6 +166,11 @@ def scale_of(vehicle: Vehicle) -> float:
 
 def begin(trial: Trial, *, records: bool = True, time_limit_s: float = 600.0) -> tuple[Episode, sim.Scenario]:
     """Return the episode of a trial before its first step, and its world."""
+    episode, scenario, _ = _begin(trial, records=records, time_limit_s=time_limit_s)
+    return episode, scenario
+
+
+def _begin(trial: Trial, *, records: bool, time_limit_s: float) -> tuple[Episode, sim.Scenario, sim.Robot]:
     vehicle = load_vehicle(trial.vehicle)
     scenario = world_of(trial)
     laser = sim.Laser.preset("sick-lms200-80m" if scale_of(vehicle) >= _FAR_SCALE else "sick-lms200-8m")
@@ -163,7 +191,7 @@ def begin(trial: Trial, *, records: bool = True, time_limit_s: float = 600.0) ->
     drive = DriveParams(method=trial.method, memory=not trial.alone, recover=not trial.alone)
     navigator = Navigator(vehicle, (scenario.goal.x_m, scenario.goal.y_m), params=drive, seed=trial.seed)
     limits = EpisodeParams(time_limit_s=time_limit_s, records=records)
-    return Episode(scenario.world, robot, navigator, params=limits), scenario
+    return Episode(scenario.world, robot, navigator, params=limits), scenario, robot
 
 
 def run_one(trial: Trial) -> Row:
@@ -176,10 +204,12 @@ def run_one(trial: Trial) -> Row:
         return Row(**known, shortest_m=None, fastest_s=None, status="not_passable")
     fastest_s = shortest_m / vehicle.max_speed_mps
     begun_s = time.process_time()
-    episode, _ = begin(trial, records=False, time_limit_s=max(900.0, 20.0 * fastest_s))
+    episode, _, robot = _begin(trial, records=False, time_limit_s=max(900.0, 20.0 * fastest_s))
     collision: dict[str, Any] = {}
     recoveries = 0
-    for second in episode.seconds(10.0):
+    looks: list[sim.State] = []
+    for second in episode.seconds(_LOOK_S):
+        looks.append(robot.state)
         for event in second.events:
             recoveries += event.kind == "recovery"
             if event.kind == "collision":
@@ -187,6 +217,8 @@ def run_one(trial: Trial) -> Row:
     outcome = episode.outcome
     if outcome is None:  # pragma: no cover - seconds() ends with an outcome
         raise AssertionError
+    cpu_s = time.process_time() - begun_s
+    free_s, free_m = free_space(scenario, vehicle, looks)
     return Row(
         **known,
         shortest_m=shortest_m,
@@ -203,8 +235,54 @@ def run_one(trial: Trial) -> Row:
         replans=outcome.replans,
         goal_distance_m=outcome.goal_distance_m,
         top_speed_mps=outcome.top_speed_mps,
-        cpu_s=time.process_time() - begun_s,
+        free_s=free_s,
+        free_m=free_m,
+        cpu_s=cpu_s,
     )
+
+
+def free_space(scenario: sim.Scenario, vehicle: Vehicle, looks: Sequence[sim.State]) -> tuple[float, float]:
+    """Return the seconds in free space and the metres driven in them, as ``Row`` says, of states in their order."""
+    if not looks:
+        return 0.0, 0.0
+    speed_mps = vehicle.max_speed_mps
+    stopping_m = speed_mps * vehicle.reaction_time_s + speed_mps**2 / (2 * vehicle.max_braking_mps2)
+    apart_m = stopping_m + _FREE_BEYOND_M
+    footprints = shapely.polygons(
+        [sim.Box(*_place(look), vehicle.length_m, vehicle.width_m, look.pose.heading_rad).corners for look in looks]
+    )
+    near = np.zeros(len(looks), dtype=bool)
+    standing = [_shape(obstacle) for obstacle in scenario.world.obstacles]
+    standing.append(shapely.Point(scenario.goal.x_m, scenario.goal.y_m))
+    hits, _ = shapely.STRtree(standing).query(footprints, predicate="dwithin", distance=apart_m)
+    near[hits] = True
+    for number in np.flatnonzero(~near).tolist():
+        discs = scenario.world.movers_at(looks[number].time_s)
+        places = [shapely.Point(disc.x_m, disc.y_m) for disc in discs]
+        away_m = shapely.distance(footprints[number], places) - [disc.radius_m for disc in discs]
+        near[number] = bool(np.any(away_m <= apart_m))
+    free_s = free_m = 0.0
+    counts_from_s = math.inf
+    for before, look, was_near, is_near in zip(looks, looks[1:], near, near[1:], strict=False):
+        if is_near:
+            counts_from_s = math.inf
+        elif was_near or math.isinf(counts_from_s):
+            lacking_mps = max(0.0, speed_mps - abs(look.speed_mps))
+            counts_from_s = look.time_s + lacking_mps / vehicle.max_acceleration_mps2
+        elif before.time_s >= counts_from_s:
+            free_s += look.time_s - before.time_s
+            free_m += math.dist(_place(before), _place(look))
+    return free_s, free_m
+
+
+def _place(state: sim.State) -> tuple[float, float]:
+    return state.pose.x_m, state.pose.y_m
+
+
+def _shape(obstacle: sim.Disc | sim.Polygon | sim.Wall) -> shapely.Geometry:
+    if isinstance(obstacle, sim.Disc):
+        return shapely.Point(obstacle.x_m, obstacle.y_m).buffer(obstacle.radius_m)
+    return (shapely.LineString if isinstance(obstacle, sim.Wall) else shapely.Polygon)(obstacle.points)
 
 
 def run(
@@ -234,15 +312,21 @@ def run_all(
     *,
     processes: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    keep: Callable[[Answer], None] | None = None,
     chunk: int = 1,
 ) -> tuple[list[Answer], bool]:
-    """Do some work, a function of a module, on every item in worker processes; arguments and answers as ``run``'s."""
+    """Do some work, a function of a module, on every item in worker processes; arguments and answers as ``run``'s.
+
+    ``keep`` is given every answer as it comes, in any order.
+    """
     done: dict[int, Answer] = {}
 
     def take(results: Iterator[tuple[int, Answer]]) -> bool:
         try:
             for number, answer in results:
                 done[number] = answer
+                if keep is not None:
+                    keep(answer)
                 if progress is not None:
                     progress(len(done), len(items))
         except KeyboardInterrupt:
@@ -285,10 +369,33 @@ def bootstrap_median(values: ArrayLike, *, seed: int = 0, draws: int = 2000) -> 
     given = np.asarray(values, dtype=np.float64)
     if given.size == 0:
         return (math.nan, math.nan, math.nan)
-    chance = np.random.Generator(np.random.PCG64(seed))
-    medians = np.median(given[chance.integers(given.size, size=(draws, given.size))], axis=1)
-    low, high = np.percentile(medians, [2.5, 97.5])
-    return (float(np.median(given)), float(low), float(high))
+    medians = [np.median(given[chosen], axis=1) for chosen in _resamples(given.size, seed, draws)]
+    return (float(np.median(given)), *_middle_95(medians))
+
+
+def bootstrap_ratio(
+    parts: ArrayLike, wholes: ArrayLike, *, seed: int = 0, draws: int = 2000
+) -> tuple[float, float, float]:
+    """Return the sum of ``parts`` over that of ``wholes`` with the same interval, drawn in pairs; NaN without any."""
+    part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
+    if part.size == 0:
+        return (math.nan, math.nan, math.nan)
+    ratios = [part[drawn].sum(axis=1) / whole[drawn].sum(axis=1) for drawn in _resamples(part.size, seed, draws)]
+    return (float(part.sum() / whole.sum()), *_middle_95(ratios))
+
+
+def _resamples(size: int, seed: int, draws: int) -> Iterator[NDArray[np.intp]]:
+    """Draw ``size`` of ``size`` numbers again and again, in blocks: a draw is a row."""
+    at_once = max(1, _BLOCK // size)
+    for block, first in enumerate(range(0, draws, at_once)):
+        shape = (min(at_once, draws - first), size)
+        chosen = uniform(seed, _RESAMPLE + block, shape[0] * shape[1]) * size
+        yield chosen.astype(np.intp).reshape(shape)
+
+
+def _middle_95(found: list[NDArray[np.float64]]) -> tuple[float, float]:
+    low, high = np.percentile(np.concatenate(found), [2.5, 97.5])
+    return float(low), float(high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,6 +411,9 @@ class Summary:
         collisions_unseen: the others.
         length_ratio: median of driven over shortest length of what was reached, with its interval.
         time_ratio: the same for time over the shortest way at full speed.
+        free_speed: metres driven in free space over what the vehicles' greatest speeds would have made of the same
+            seconds, all drives together, with its bootstrap interval over drives; NaN without any.
+        free_drives: drives with at least a second in free space.
         not_reached: how many for each reason.
     """
 
@@ -315,6 +425,8 @@ class Summary:
     collisions_unseen: int
     length_ratio: tuple[float, float, float]
     time_ratio: tuple[float, float, float]
+    free_speed: tuple[float, float, float]
+    free_drives: int
     not_reached: dict[str, int]
 
     @property
@@ -334,6 +446,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
             what = row.status if row.status == "timeout" else row.reason
             reasons[what] = reasons.get(what, 0) + 1
     hits = [row for row in passable if row.collisions]
+    free = [row for row in passable if row.free_s >= 1.0]
     return Summary(
         trials=len(given),
         passable=len(passable),
@@ -343,6 +456,8 @@ def summarise(rows: Iterable[Row]) -> Summary:
         collisions_unseen=sum(not row.seen_in_time for row in hits),
         length_ratio=bootstrap_median([row.length_ratio for row in reached if row.length_ratio is not None]),
         time_ratio=bootstrap_median([row.time_ratio for row in reached if row.time_ratio is not None]),
+        free_speed=bootstrap_ratio([row.free_m for row in free], [row.free_at_full_speed_m for row in free]),
+        free_drives=len(free),
         not_reached=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
     )
 

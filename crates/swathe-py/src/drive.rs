@@ -46,6 +46,7 @@ fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
         margin_m: entry(dict, "margin_m")?,
         stale_s: entry(dict, "stale_s")?,
         sensor_height_m: entry(dict, "sensor_height_m")?,
+        sonar_height_m: entry(dict, "sonar_height_m")?,
         memory: entry(dict, "memory")?,
         recover: entry(dict, "recover")?,
         probing: probing(entry::<(String, f64)>(dict, "probing")?)?,

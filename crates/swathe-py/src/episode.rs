@@ -5,9 +5,12 @@ use std::time::Instant;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::episode::{Actors, EpisodeParams, Fault, FaultKind, Happening, MotionRows, Outcome, ScanRows, Second};
+use swathe::episode::{
+    Actors, EpisodeParams, Fault, FaultKind, Happening, MotionRows, Outcome, ScanRows, Second, SonarRows,
+};
 use swathe::grid::Position;
 use swathe::sensor::{Mount, Pose};
+use swathe::sim::SONAR_CONE_RAD;
 
 use crate::convert::{array, entry};
 use crate::drive::Navigator;
@@ -147,11 +150,30 @@ fn scans<'py>(py: Python<'py>, rows: ScanRows, robot: &swathe::sim::Robot) -> Py
     Ok(dict)
 }
 
+fn sonar<'py>(py: Python<'py>, rows: SonarRows, robot: &swathe::sim::Robot) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let ring = &robot.params().sonar;
+    let mounts: Vec<_> = ring
+        .iter()
+        .map(|cone| (cone.mount.x_m, cone.mount.y_m, cone.mount.heading_rad))
+        .collect();
+    dict.set_item("times_s", PyArray1::from_vec(py, rows.times_s))?;
+    dict.set_item("arrivals_s", PyArray1::from_vec(py, rows.arrivals_s))?;
+    dict.set_item("cones", PyArray1::from_vec(py, rows.cones))?;
+    dict.set_item("ranges_m", PyArray1::from_vec(py, rows.ranges_m))?;
+    dict.set_item("cone_rad", SONAR_CONE_RAD)?;
+    dict.set_item("range_min_m", ring.first().map_or(0.0, |cone| cone.range_min_m))?;
+    dict.set_item("range_max_m", ring.first().map_or(0.0, |cone| cone.range_max_m))?;
+    dict.set_item("mounts", mounts)?;
+    Ok(dict)
+}
+
 fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("start_s", told.start_s)?;
     dict.set_item("end_s", told.end_s)?;
     dict.set_item("scans", scans(py, told.scans, robot)?)?;
+    dict.set_item("sonar", sonar(py, told.sonar, robot)?)?;
     dict.set_item("odometry", motion(py, told.odometry)?)?;
     dict.set_item("truth", motion(py, told.truth)?)?;
     let commands = PyDict::new(py);

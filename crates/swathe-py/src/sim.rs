@@ -7,7 +7,7 @@ use swathe::grid::{Layer, Position};
 use swathe::sensor::{Mount, PenetrometerReading, Pose, Scan};
 use swathe::sim::{
     BodyState, Command, Laser, LocaliserParams, Mover, NoGo, Obstacle, Penetrometer, RobotParams, ScenarioKind, Shape,
-    Steering, Stop, TruthErrors, pioneer_sonar,
+    Steering, Stop, TruthErrors, sonar_ring,
 };
 
 use crate::convert::{Shape as GridShape, array, entry, geometry, position, values, word};
@@ -314,12 +314,17 @@ pub(crate) fn sick_lms200(py: Python<'_>, half_degrees: bool, far: bool) -> PyRe
     Ok(dict)
 }
 
-fn robot_params(dict: &Bound<'_, PyDict>, sensing: &Bound<'_, PyDict>) -> PyResult<RobotParams> {
+fn robot_params(
+    dict: &Bound<'_, PyDict>,
+    sensing: &Bound<'_, PyDict>,
+    vehicle: &swathe::vehicle::Vehicle,
+) -> PyResult<RobotParams> {
     let number = |name: &str| entry::<f64>(dict, name);
     Ok(RobotParams {
         laser: laser(sensing)?,
+        has_laser: entry(dict, "has_laser")?,
         sonar: if entry(dict, "sonar")? {
-            pioneer_sonar()
+            sonar_ring(vehicle)
         } else {
             Vec::new()
         },
@@ -376,7 +381,7 @@ impl SimRobot {
             max_braking_mps2,
             max_turn_rate_radps,
         };
-        let params = robot_params(params, sensing)?;
+        let params = robot_params(params, sensing, &vehicle.inner)?;
         let truth = world.borrow(py);
         let made = swathe::sim::Robot::new(&truth.inner, vehicle.inner.clone(), motion, pose(at), params);
         let inner = made.map_err(CoreError::from)?;

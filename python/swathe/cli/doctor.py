@@ -13,6 +13,9 @@ from swathe.errors import SwatheError
 
 _LIBRARIES = ("numpy", "rasterio", "pyogrio", "pyproj", "shapely", "matplotlib", "typer", "rich", "pydantic")
 
+#: Libraries that one can do without, and what they are for.
+_EXTRAS = {"psycopg": "for stores in PostGIS: `--store postgresql://...`; pip install 'swathe[postgis]'"}
+
 #: Programs that one can do without, and what is missing then.
 _OPTIONAL = {
     "grass": "for grass: maps; apt-get install --no-install-recommends grass-core",
@@ -26,6 +29,7 @@ def examine(*, as_json: bool) -> int:
     from swathe.cli import say
 
     checks = [_core(), *(_library(name) for name in _LIBRARIES), _terrain(), _memory(), _folder()]
+    checks += [_extra(name, purpose) for name, purpose in _EXTRAS.items()]
     for program, how in _OPTIONAL.items():
         found = shutil.which(program)
         checks.append({"name": program, "ok": True, "found": found or f"not here ({how})"})
@@ -53,6 +57,15 @@ def _library(name: str) -> dict[str, Any]:
         return {"name": name, "ok": True, "found": metadata.version(name)}
     except metadata.PackageNotFoundError:
         return {"name": name, "ok": False, "found": "not installed"}
+
+
+def _extra(name: str, purpose: str) -> dict[str, Any]:
+    try:
+        # Only trying shows whether the library that it is made of is there too.
+        found = f"{importlib.import_module(name).__version__} ({purpose.partition(';')[0]})"
+    except ImportError:
+        found = f"not here ({purpose})"
+    return {"name": name, "ok": True, "found": found}
 
 
 def _terrain() -> dict[str, Any]:

@@ -113,6 +113,10 @@ def drive(
         Path | None,
         typer.Option("--soil-feed", help="JSON lines with news of the soil, taken in while driving."),
     ] = None,
+    sensor: Annotated[
+        Literal["laser", "sonar", "both"] | None,
+        typer.Option("--sensor", help="What the robot sees with: a laser, a ring of sonars, or both. [default: laser]"),
+    ] = None,
     laser: Annotated[
         Literal["sick-lms200-8m", "sick-lms200-80m", "sick-lms200-8m-361", "sick-lms200-80m-361"] | None,
         typer.Option("--laser", help="The laser. [default: sick-lms200-8m]"),
@@ -190,6 +194,7 @@ def drive(
             "truth.height_error_m": height_error,
             "truth.moisture": true_moisture,
             "obstacles.crates": crates,
+            "sensors.sensor": sensor,
             "sensors.laser": laser,
         }
     )
@@ -268,6 +273,9 @@ def trials(
     noise: Annotated[
         bool, typer.Option("--noise", help="Late scans, lost beams, odometry that drifts between fixes.")
     ] = False,
+    keep: Annotated[
+        int, typer.Option("--keep", help="Of the worst runs so many are driven again, each into a log: worst-1.mcap.")
+    ] = 3,
     workers: Annotated[int | None, typer.Option("--workers", help="Processes. [default: one a core]")] = None,
     seed: Annotated[int, typer.Option("--seed", help="The first seed.")] = 0,
     out: Out = None,
@@ -277,7 +285,7 @@ def trials(
 ) -> int:
     """Drive many seeded worlds and tell how often, how far and how fast: a table with confidence intervals and CSV.
 
-    The worst runs are listed with the line that drives them again. Ctrl-C keeps what is done.
+    The worst runs are listed, and kept as logs for `swathe replay`. Ctrl-C keeps what is done.
 
     Examples:
 
@@ -286,6 +294,8 @@ def trials(
       swathe trials --runs 100 --local navigator --local "vfh+" --local vfh
 
       swathe trials --scenario wrong-soil --runs 100 --probing never --probing where-it-matters
+
+      swathe replay swathe-trials/worst-1.mcap --out worst
     """
     from swathe import proving
     from swathe.cli import say
@@ -302,6 +312,7 @@ def trials(
             probing=probing,
             noise=noise,
             workers=workers,
+            keep=keep,
             on_progress=report,
         )
     say.line(summary, f"{summary['table']}\n{summary['outputs']['csv']}", as_json=json)

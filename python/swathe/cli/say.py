@@ -12,7 +12,7 @@ from swathe.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from swathe.driving import Live
+    from swathe.recording import Live
 
 _STAGES = {
     "reading elevation": "Reading elevation",

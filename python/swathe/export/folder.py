@@ -37,6 +37,9 @@ RUN_LOG = "run.mcap"
 #: The pictures of a drive in the order in which a reader meets them.
 DRIVE_PICTURES = ("drive-map.png", "drive.gif", "drive-frames.png", "drive-profile.png")
 
+#: Logs of the worst of many drives.
+WORST_LOGS = tuple(f"worst-{number}.mcap" for number in range(1, 11))
+
 #: Every file that a run may leave; a folder that holds anything else is not ours.
 OUR_FILES = frozenset(
     {
@@ -52,6 +55,7 @@ OUR_FILES = frozenset(
         "animation.gif",
         "animation.html",
         *DRIVE_PICTURES,
+        *WORST_LOGS,
         "trials.csv",
         "trials.png",
         "index.html",

@@ -174,7 +174,7 @@ class Drive:
 
     def scan_before(self, time_s: float) -> int | None:
         """Return the row of the last scan that had arrived."""
-        row = int(np.searchsorted(self.log.scans.arrivals_s, time_s + 1e-9, side="right")) - 1
+        row = int(np.searchsorted(self._sight[1], time_s + 1e-9, side="right")) - 1
         return row if row >= 0 else None
 
     def body_points(self, row: int) -> NDArray[np.float64]:
@@ -196,7 +196,7 @@ class Drive:
         if self.log.maps:
             return _closed_cells(self.log.maps)
         points, rows = self._hits
-        odometry, times_s = self.log.odometry, self.log.scans.times_s
+        odometry, (times_s, arrivals_s) = self.log.odometry, self._sight
         heading = np.interp(times_s, odometry.times_s, np.unwrap(odometry.heading_rad))[rows]
         x_m = np.interp(times_s, odometry.times_s, odometry.x_m)[rows]
         y_m = np.interp(times_s, odometry.times_s, odometry.y_m)[rows]
@@ -204,16 +204,17 @@ class Drive:
         cells = np.rint(placed / _SEEN_CELL_M).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
         first.sort()
-        return np.column_stack([placed[first], self.log.scans.arrivals_s[rows[first]]])
+        return np.column_stack([placed[first], arrivals_s[rows[first]]])
 
     @cached_property
     def clearance_seen_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Times of the scans, and how far the vehicle's rectangle was from the nearest hit of each (infinite: none)."""
         points, rows = self._hits
         beyond = np.maximum(np.abs(points) - np.array([self.length_m, self.width_m]) / 2, 0.0)
-        nearest = np.full(len(self.log.scans.times_s), np.inf)
+        times_s, _ = self._sight
+        nearest = np.full(len(times_s), np.inf)
         np.minimum.at(nearest, rows, np.hypot(*beyond.T))
-        return self.log.scans.times_s, nearest
+        return times_s, nearest
 
     @cached_property
     def clearance_true_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -267,8 +268,19 @@ class Drive:
         return _ENDINGS.get(str(outcome.get("status")), "end of the log")
 
     @cached_property
+    def _sight(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """When the scans were taken and when they arrived; of a robot without a laser, the shots of its sonar ring."""
+        scans, sonar = self.log.scans, self.log.sonar
+        if len(scans.times_s) or not len(sonar.times_s):
+            return scans.times_s, scans.arrivals_s
+        first = np.flatnonzero(np.diff(sonar.arrivals_s, prepend=-np.inf))
+        return sonar.times_s[first], sonar.arrivals_s[first]
+
+    @cached_property
     def _hits(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """What all scans hit, ahead and left of the body, and the row of the scan of each."""
+        if not len(self.log.scans.times_s):
+            return self._echoes
         scans = self.log.scans
         ranges = scans.ranges_m.astype(np.float64)
         with np.errstate(invalid="ignore"):
@@ -279,9 +291,21 @@ class Drive:
         far = ranges[rows, beams]
         return np.column_stack([ahead_m + far * np.cos(angle), left_m + far * np.sin(angle)]), rows
 
+    @property
+    def _echoes(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """What the sonar ring hit, taken to stand in the middle of its cone, and the row of the shot of each."""
+        sonar = self.log.sonar
+        ranges = sonar.ranges_m.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            hit = np.isfinite(ranges) & (ranges >= sonar.range_min_m) & (ranges < sonar.range_max_m)
+        shots = np.searchsorted(self._sight[1], sonar.arrivals_s)
+        ahead_m, left_m, turned_rad = np.array(sonar.mounts, np.float64).reshape(-1, 3)[sonar.cones[hit]].T
+        points = [ahead_m + ranges[hit] * np.cos(turned_rad), left_m + ranges[hit] * np.sin(turned_rad)]
+        return np.column_stack(points), shots[hit]
+
     def believed(self, row: int) -> tuple[float, float, float]:
         """Return where the robot thought it was when a scan was taken: x, y and heading."""
-        odometry, time_s = self.log.odometry, self.log.scans.times_s[row]
+        odometry, time_s = self.log.odometry, self._sight[0][row]
         at = int(np.searchsorted(odometry.times_s, time_s + 1e-9, side="right")) - 1
         at = max(at, 0)
         return float(odometry.x_m[at]), float(odometry.y_m[at]), float(odometry.heading_rad[at])

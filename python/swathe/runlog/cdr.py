@@ -100,6 +100,25 @@ def scan_layout(beams: int) -> Layout:
     )
 
 
+def cone_frame(cone: int) -> str:
+    """Return the frame of a cone of the sonar ring; all names are of one length."""
+    return f"sonar_{cone:02d}"
+
+
+@lru_cache
+def range_layout() -> Layout:
+    """Return the layout of a Range; its ``frame`` is that of the first cone."""
+    figures = ("field_of_view", "min_range", "max_range", "range")
+    return Layout(
+        (
+            ("stamp", "stamp", 1),
+            ("frame", "text", cone_frame(0)),
+            ("radiation_type", "u1", 1),
+            *((name, "<f4", 1) for name in figures),
+        )
+    )
+
+
 @lru_cache
 def odometry_layout(child: str) -> Layout:
     """Return the layout of an Odometry of a body."""

@@ -70,6 +70,13 @@ float32 range_max
 float32[] ranges
 float32[] intensities
 """,
+    "sensor_msgs/Range": """std_msgs/Header header
+uint8 radiation_type
+float32 field_of_view
+float32 min_range
+float32 max_range
+float32 range
+""",
     "nav_msgs/Odometry": """std_msgs/Header header
 string child_frame_id
 geometry_msgs/PoseWithCovariance pose
@@ -125,6 +132,7 @@ _NUMBERS = {"type": "array", "items": _NUMBER}
 #: Every channel by its topic; the place in this table, from 1, is the channel's number in the file.
 TOPICS: dict[str, Topic] = {
     "/scan": Topic("sensor_msgs/LaserScan"),
+    "/sonar": Topic("sensor_msgs/Range"),
     "/odom": Topic("nav_msgs/Odometry"),
     "/truth": Topic("nav_msgs/Odometry"),
     "/cmd_vel": Topic("geometry_msgs/TwistStamped"),

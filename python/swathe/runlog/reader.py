@@ -22,6 +22,7 @@ from swathe.episode import (
     Movers,
     Reading,
     Scans,
+    Sonar,
 )
 from swathe.errors import UnreadableFileError
 from swathe.runlog import cdr
@@ -56,6 +57,7 @@ class RunLog:
     outcome: dict[str, Any] | None
     seconds: int
     scans: Scans
+    sonar: Sonar
     odometry: Motion
     truth: Motion
     commands: Commands
@@ -104,6 +106,7 @@ def _run_log(content: LogContent) -> RunLog:
         outcome=ended[-1]["fields"] if ended else None,
         seconds=sum(any(message.topic != "/outcome" for message in chunk) for chunk in content.chunks),
         scans=_scans(content),
+        sonar=_sonar(content),
         odometry=_motion(content.messages("/odom"), cdr.BODY_FRAME),
         truth=_motion(content.messages("/truth"), cdr.TRUE_BODY_FRAME),
         commands=_commands(content),
@@ -138,12 +141,7 @@ def scan_row(body: bytes) -> NDArray[np.void]:
 def _scans(content: LogContent) -> Scans:
     messages = content.messages("/scan")
     arrivals_s = np.array([message.logged_ns for message in messages], np.float64) / 1e9
-    mounts = content.messages("/tf_static")
-    mount = (0.0, 0.0, 0.0)
-    if mounts:
-        (row,) = cdr.transform_layout(cdr.BODY_FRAME, cdr.LASER_FRAME).read([mounts[0].body])
-        heading, _, _ = cdr.attitude(row["rotation"][None])
-        mount = (float(row["translation"][0]), float(row["translation"][1]), float(heading[0]))
+    mount = _mounts(content).get(cdr.LASER_FRAME, (0.0, 0.0, 0.0))
     lengths = {len(message.body) for message in messages}
     if len(lengths) == 1:
         beams = len(scan_row(messages[0].body)["ranges"])
@@ -164,6 +162,46 @@ def _scans(content: LogContent) -> Scans:
         range_min_m=float(first["range_min"]),
         range_max_m=float(first["range_max"]),
         mount=mount,
+    )
+
+
+def mount_row(body: bytes) -> NDArray[np.void]:
+    """Return a TFMessage of a sensor's place on the body as a row; ValueError when it fits no sensor."""
+    for child in (cdr.LASER_FRAME, cdr.cone_frame(0)):
+        layout = cdr.transform_layout(cdr.BODY_FRAME, child)
+        if len(body) == layout.dtype.itemsize:
+            row: NDArray[np.void] = layout.read([body])[0]
+            if int(row["child length"]) == len(child) + 1:
+                return row
+    raise ValueError("a transform is to no sensor")
+
+
+def _mounts(content: LogContent) -> dict[str, tuple[float, float, float]]:
+    """Return ahead, left and heading of every sensor on the body by its frame."""
+    found = {}
+    for message in content.messages("/tf_static"):
+        row = mount_row(message.body)
+        heading, _, _ = cdr.attitude(row["rotation"][None])
+        frame = row["child"].tobytes().rstrip(b"\0").decode()
+        found[frame] = (float(row["translation"][0]), float(row["translation"][1]), float(heading[0]))
+    return found
+
+
+def _sonar(content: LogContent) -> Sonar:
+    messages = content.messages("/sonar")
+    rows = cdr.range_layout().read([message.body for message in messages])
+    mounts = {frame: mount for frame, mount in _mounts(content).items() if frame != cdr.LASER_FRAME}
+    numbers = {frame.encode() + b"\0": number for number, frame in enumerate(sorted(mounts))}
+    first = rows[0] if len(rows) else cdr.range_layout().template[0]
+    return Sonar(
+        _times_s(messages),
+        np.array([message.logged_ns for message in messages], np.float64) / 1e9,
+        np.array([numbers[row.tobytes()] for row in rows["frame"]], np.uint8),
+        rows["range"].copy(),
+        cone_rad=float(first["field_of_view"]),
+        range_min_m=float(first["min_range"]),
+        range_max_m=float(first["max_range"]),
+        mounts=[mounts[frame] for frame in sorted(mounts)],
     )
 
 

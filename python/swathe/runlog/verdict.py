@@ -12,7 +12,7 @@ import numpy as np
 from swathe.runlog import cdr
 from swathe.runlog.content import LogContent, Message, read_bytes, read_content
 from swathe.runlog.definitions import TOPICS
-from swathe.runlog.reader import map_row, scan_row
+from swathe.runlog.reader import map_row, mount_row, scan_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -139,6 +139,8 @@ def fields_of(message: Message) -> dict[str, Any]:
         row = scan_row(body)
     elif kind.message == "nav_msgs/OccupancyGrid":
         row = map_row(body)
+    elif topic == "/tf_static":
+        row = mount_row(body)
     else:
         row = _LAYOUTS[topic].read([body])[0]
     names = [name for name in row.dtype.names or () if row[name].dtype.kind != "V" and not name.endswith("length")]
@@ -150,7 +152,7 @@ _LAYOUTS = {
     "/truth": cdr.odometry_layout(cdr.TRUE_BODY_FRAME),
     "/cmd_vel": cdr.twist_layout(),
     "/tf": cdr.transform_layout(cdr.MAP_FRAME, cdr.BODY_FRAME),
-    "/tf_static": cdr.transform_layout(cdr.BODY_FRAME, cdr.LASER_FRAME),
+    "/sonar": cdr.range_layout(),
 }
 
 

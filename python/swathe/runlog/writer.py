@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from swathe.episode import CertaintyMap, Outcome, Second
+    from swathe.episode import CertaintyMap, Outcome, Second, Sonar
     from swathe.runlog.cdr import Layout
 
 CHANNELS = {topic: number for number, topic in enumerate(TOPICS, 1)}
@@ -84,7 +84,7 @@ class RunLogWriter:
             raise InvalidParameterError(f"The log has a file {min(taken)} of its own.", "Give it another name.")
         self._file = ChunkedFile(Path(file))
         self._status: int | None = None
-        self._has_mount = False
+        self._has_mount = self._has_ring = False
         self._end_s = 0.0
         facts = {
             "version": header.version,
@@ -171,11 +171,34 @@ class RunLogWriter:
         yield _batch("/scan", rows)
         if len(taken.times_ns) and not self._has_mount:
             self._has_mount = True
-            ahead_m, left_m, heading_rad = scans.mount
             layout = cdr.transform_layout(cdr.BODY_FRAME, cdr.LASER_FRAME)
             rows, message = self._rows("/tf_static", layout, _clock(scans.times_s[:1]))
-            message["transforms"], message["translation"] = 1, (ahead_m, left_m, 0.0)
-            message["rotation"] = cdr.quaternions(np.array([heading_rad]), np.zeros(1), np.zeros(1))
+            _set_mounts(message, [scans.mount])
+            yield _batch("/tf_static", rows)
+        yield from self._heard(second.sonar)
+
+    def _heard(self, sonar: Sonar) -> Iterator[Batch | None]:
+        if not len(sonar.times_s):
+            return
+        clock = _clock(sonar.times_s)
+        rows, message = self._rows("/sonar", cdr.range_layout(), clock, arrived_ns=_ns(sonar.arrivals_s))
+        frames = _frames(len(sonar.mounts))
+        message["frame"] = frames[sonar.cones]
+        message["radiation_type"] = 0  # ultrasound
+        for name, value in (
+            ("field_of_view", sonar.cone_rad),
+            ("min_range", sonar.range_min_m),
+            ("max_range", sonar.range_max_m),
+            ("range", sonar.ranges_m),
+        ):
+            message[name] = value
+        yield _batch("/sonar", rows)
+        if not self._has_ring:
+            self._has_ring = True
+            layout = cdr.transform_layout(cdr.BODY_FRAME, cdr.cone_frame(0))
+            rows, message = self._rows("/tf_static", layout, _clock(sonar.times_s[:1].repeat(len(sonar.mounts))))
+            message["child"] = frames
+            _set_mounts(message, sonar.mounts)
             yield _batch("/tf_static", rows)
 
     def _lines(self, second: Second) -> Iterator[Batch | None]:
@@ -277,6 +300,20 @@ def _batch(topic: str, rows: NDArray[np.void]) -> Batch | None:
         return None
     starts = np.arange(len(rows), dtype=np.uint64) * np.uint64(rows.dtype.itemsize)
     return Batch(CHANNELS[topic], rows["prefix"]["log_time"], starts, rows.tobytes())
+
+
+def _frames(cones: int) -> NDArray[np.void]:
+    """Return the name of every cone's frame as it stands in messages."""
+    names = [cdr.cone_frame(cone).encode() + b"\0" for cone in range(cones)]
+    return np.frombuffer(b"".join(names), f"V{len(cdr.cone_frame(0)) + 1}")
+
+
+def _set_mounts(message: NDArray[np.void], mounts: Sequence[tuple[float, float, float]]) -> None:
+    """Fill in transforms to sensors: where each sits on the body."""
+    ahead_m, left_m, heading_rad = np.array(mounts, np.float64).reshape(-1, 3).T
+    message["transforms"] = 1
+    message["translation"] = np.column_stack([ahead_m, left_m, np.zeros_like(left_m)])
+    message["rotation"] = cdr.quaternions(heading_rad, np.zeros_like(heading_rad), np.zeros_like(heading_rad))
 
 
 def _map_body(window: CertaintyMap) -> bytes:

@@ -3,7 +3,6 @@
 use crate::grid::Position;
 use crate::sensor::{Mount, Pose, Return, Scan};
 
-use super::params::DriveParams;
 use super::region::RegionState;
 
 /// The plane of a scan's beams over the map.
@@ -20,8 +19,8 @@ pub(super) struct Attitude<'a> {
 }
 
 impl RegionState {
-    /// How a scan lies over the map; `None` where the elevation under the robot is not known.
-    pub fn attitude(&self, pose: &Pose, scan: &Scan, params: &DriveParams) -> Option<Attitude<'_>> {
+    /// How a scan of a sensor at a height lies over the map; `None` where the elevation under the robot is not known.
+    pub fn attitude(&self, pose: &Pose, scan: &Scan, sensor_m: f64, tolerance_m: f64) -> Option<Attitude<'_>> {
         let here_m = self.height_m(Position::new(pose.x_m, pose.y_m))?;
         let (heading, (sin_p, cos_p), (sin_r, cos_r)) = (
             pose.heading_rad.sin_cos(),
@@ -30,8 +29,8 @@ impl RegionState {
         );
         // The mount, its height included, turns with the body: by roll first, then by pitch, then by heading.
         let Mount { x_m, y_m, .. } = scan.mount;
-        let left_m = cos_r * y_m - sin_r * params.sensor_height_m;
-        let raised_m = sin_r * y_m + cos_r * params.sensor_height_m;
+        let left_m = cos_r * y_m - sin_r * sensor_m;
+        let raised_m = sin_r * y_m + cos_r * sensor_m;
         let ahead_m = cos_p * x_m - sin_p * raised_m;
         let (sin, cos) = heading;
         Some(Attitude {
@@ -44,7 +43,7 @@ impl RegionState {
             heading,
             pitch: (sin_p, cos_p),
             roll: (sin_r, cos_r),
-            tolerance_m: params.ground_tolerance_m,
+            tolerance_m,
         })
     }
 }

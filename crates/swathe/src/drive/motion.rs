@@ -29,6 +29,19 @@ const STRAY_SHARE: f64 = 0.5;
 pub(super) const ROLLS_MPS: f64 = 0.1;
 pub(super) const TURN_LOOK_RAD: f64 = 0.6;
 
+/// Share of the limits of grade and side slope that arcs may use: vehicles do not keep to them exactly.
+const STEEPEST: f64 = 0.99;
+
+/// Turn between two places of an arc that are looked at.
+const STEP_RAD: f64 = 0.1;
+
+/// By how much a radian of turn must lessen that share where it is more.
+const RELIEF_PER_RAD: f64 = 0.1;
+
+/// Headings to each side of the way that are tried on slopes, and from one to the next.
+const FAN: u32 = 8;
+const FAN_STEP_RAD: f64 = 0.2;
+
 /// Seconds at rest with nothing to do but wait that call for a recovery.
 const BLOCKED_S: f64 = 1.5;
 
@@ -126,6 +139,18 @@ impl Navigator {
         }
         let first_rad = directions.first().map_or(target_rad, |first| first.0);
         self.watch.note_turn(now.time_s, wrap(first_rad - now.pose.heading_rad));
+        // Across a slope the way may be too steep: the nearest heading that is not leads around.
+        if self
+            .region
+            .as_ref()
+            .is_some_and(|region| region.is_steep_around(at, lookahead_m))
+        {
+            for aside in 1..=FAN {
+                let aside_rad = f64::from(aside) * FAN_STEP_RAD;
+                directions.push((target_rad + aside_rad, CAREFUL_SHARE));
+                directions.push((target_rad - aside_rad, CAREFUL_SHARE));
+            }
+        }
         for (direction_rad, share) in directions {
             let wanted = self.towards(now, direction_rad, share);
             if wanted != (0.0, 0.0) {
@@ -152,6 +177,9 @@ impl Navigator {
             share
         };
         let mut speed_mps = shape.max_speed_mps * share * (1.0 - 0.7 * turning) * self.ground_share(now);
+        if let Some(region) = &self.region {
+            speed_mps = speed_mps.min(region.going_mps(&now.pose));
+        }
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim).min(self.probing.left_m());
         speed_mps = speed_mps.min(shape.speed_for(left_m, 0.5 * shape.braking_mps2, 0.0) + 0.1);
@@ -177,9 +205,11 @@ impl Navigator {
             return (0.0, 0.0);
         }
         for wanted_rad in [off_rad, off_rad - off_rad.signum() * std::f64::consts::TAU] {
-            let free_rad = self
-                .around
-                .turn_rad(&self.shape, wanted_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD));
+            let looked_rad = wanted_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD);
+            let mut free_rad = self.around.turn_rad(&self.shape, looked_rad);
+            if let Some(region) = &self.region {
+                free_rad = region.turn_allowed_rad(&now.pose, free_rad);
+            }
             if free_rad.abs() >= 0.1 {
                 let most = self.turn_rate_within(free_rad, now);
                 return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most));
@@ -221,19 +251,35 @@ impl Navigator {
         shape.speed_for(free_m - buffer_m, braking_mps2, now.age_s + now.step_s.min(0.5))
     }
 
-    /// Metres along an arc before the middle of the robot would come onto ground that the map forbids.
+    /// Metres along an arc before the middle of the robot would come onto ground that the map forbids, or its wheels onto slopes
+    /// beyond its limits. Where it is beyond them already, it may go where they are no steeper.
     pub(super) fn allowed_m(&self, pose: &Pose, curvature_per_m: f64, forward: bool, reach_m: f64) -> f64 {
         let Some(region) = self.region.as_ref() else {
             return reach_m;
         };
-        let step_m = self.grid.params().cell_size_m;
+        // Neither a cell nor much of a turn is stepped over.
+        let step_m = self
+            .grid
+            .params()
+            .cell_size_m
+            .min((STEP_RAD / curvature_per_m.abs()).max(0.02));
         let (sin, cos) = pose.heading_rad.sin_cos();
         let side = if forward { 1.0 } else { -1.0 };
         let steps = (reach_m / step_m).ceil() as usize;
+        let at = Position::new(pose.x_m, pose.y_m);
+        let steepest = region
+            .is_steep_around(at, reach_m)
+            .then(|| region.steepness(at, pose.heading_rad, forward));
         let forbidden = (1..=steps).find(|&k| {
-            let (ahead_m, left_m, _) = along(curvature_per_m, side * k as f64 * step_m);
+            let (ahead_m, left_m, turn_rad) = along(curvature_per_m, side * k as f64 * step_m);
             let (east_m, north_m) = (cos * ahead_m - sin * left_m, sin * ahead_m + cos * left_m);
-            region.forbids(Position::new(pose.x_m + east_m, pose.y_m + north_m))
+            let place = Position::new(pose.x_m + east_m, pose.y_m + north_m);
+            // A turn that is no relief would creep beyond the limits bit by bit.
+            let steep = |now: f64| {
+                let most = STEEPEST.max(now - RELIEF_PER_RAD * turn_rad.abs());
+                region.steepness(place, pose.heading_rad + turn_rad, forward) > most
+            };
+            region.forbids(place) || steepest.is_some_and(steep)
         });
         forbidden.map_or(reach_m, |k| (k - 1) as f64 * step_m)
     }

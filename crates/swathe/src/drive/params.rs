@@ -48,6 +48,8 @@ pub struct DriveParams {
     pub stale_s: f64,
     /// Height of the range sensor above the ground, in metres.
     pub sensor_height_m: f64,
+    /// Height of sonars, whose cones [`super::Navigator::sense`] takes in; default that of the Pioneer's ring.
+    pub sonar_height_m: f64,
     /// A return this near to the elevation map, in metres, is ground.
     pub ground_tolerance_m: f64,
     /// Seconds in which what was seen fades to 1/e.
@@ -91,6 +93,7 @@ impl Default for DriveParams {
             margin_m: 0.1,
             stale_s: 0.5,
             sensor_height_m: 0.3,
+            sonar_height_m: 0.18,
             ground_tolerance_m: 0.15,
             fade_s: f64::INFINITY,
             lookahead_m: [2.0, 5.0],
@@ -165,6 +168,7 @@ impl DriveParams {
             ("margin in metres", self.margin_m, 0.0, 10.0),
             ("age of a stale scan in seconds", self.stale_s, 0.01, 60.0),
             ("sensor height in metres", self.sensor_height_m, 0.0, 100.0),
+            ("sonar height in metres", self.sonar_height_m, 0.0, 100.0),
             ("ground tolerance in metres", self.ground_tolerance_m, 0.0, 10.0),
             ("fading time in seconds", self.fade_s, 0.1, f64::INFINITY),
             ("look-ahead at rest in metres", self.lookahead_m[0], 0.1, 1e3),

@@ -1,10 +1,11 @@
 //! What the map says while driving: ranks, nests of the overlapping grids, elevation and the global route.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 
 use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{Footprint, GridsParams, Navigability, OverlappingGrids, RankCodes};
 use crate::sensor::Pose;
+use crate::soil::{SoilClass, Trafficability};
 use crate::vehicle::Vehicle;
 
 use super::knowledge::{Knowledge, Standing};
@@ -18,11 +19,17 @@ const NO_GO_COST: f32 = 20.0;
 /// Cells along the side of a block of the route's window that shares one answer about nests, which are coarse.
 const BLOCK: usize = 4;
 
+/// Cost of ground with slopes beyond the vehicle's limits in some direction, off the global route, which knows in which.
+const STEEP_COST: f32 = 3.0;
+
 /// Speed outside the nests, as a share of the usual.
 const OUTSIDE_SPEED: f64 = 0.5;
 
 /// Radii of the footprint's circle nearer than which no slope closes a direction: obstacles are made wider by one.
 const SLOPE_RADII: f64 = 4.0;
+
+/// Steps of a turn in place that are looked at.
+const TURN_STEP_RAD: f64 = 0.06;
 
 /// Directions in which slopes are looked at.
 const SLOPE_DIRECTIONS: usize = 96;
@@ -98,6 +105,8 @@ pub(super) struct RegionState {
     point: Footprint,
     outside: OutsideNests,
     radius_m: f64,
+    /// Half the length and half the gauge of the vehicle: where its wheels stand.
+    wheels_m: (f64, f64),
     /// Whether no-go ground may be crossed, to leave it.
     pub leaving_no_go: bool,
     /// Places that the robot came by, the latest last: ground that has carried it.
@@ -114,6 +123,7 @@ impl RegionState {
             point: Footprint::circle(0.0)?,
             outside: params.outside_nests,
             radius_m: vehicle.circumscribed_radius_m(),
+            wheels_m: (vehicle.length_m / 2.0, vehicle.gauge_m.unwrap_or(vehicle.width_m) / 2.0),
             leaving_no_go: false,
             trail: VecDeque::new(),
             source,
@@ -277,6 +287,53 @@ impl RegionState {
         cell.is_some_and(|cell| !knowledge.slope_allows(cell, heading_rad))
     }
 
+    /// Whether slopes beyond the vehicle's limits lie within a distance, so that [`Self::steepness`] must be asked.
+    pub fn is_steep_around(&self, at: Position, reach_m: f64) -> bool {
+        let steep = |knowledge: &Knowledge| !knowledge.is_gentle_around(at, reach_m + self.radius_m);
+        !self.leaving_no_go && self.knowledge().is_some_and(steep)
+    }
+
+    /// The slope under the wheels at a place as a share of the vehicle's limits of grade and side slope: beyond 1 it must not be
+    /// there on that heading, driving forward or back. 0 where a height is not known, or nothing is known of limits.
+    pub fn steepness(&self, at: Position, heading_rad: f64, forward: bool) -> f64 {
+        let Some(knowledge) = self.knowledge() else { return 0.0 };
+        let map = knowledge.map();
+        let (sin, cos) = heading_rad.sin_cos();
+        let (ahead_m, left_m) = self.wheels_m;
+        let mut heights_m = [0.0; 4];
+        for (height_m, (ahead, left)) in heights_m
+            .iter_mut()
+            .zip([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+        {
+            let (ahead, left) = (ahead * ahead_m, left * left_m);
+            let wheel = Position::new(at.x_m + cos * ahead - sin * left, at.y_m + sin * ahead + cos * left);
+            match height_between(&map.elevation_m, wheel) {
+                Some(known_m) => *height_m = known_m,
+                None => return 0.0,
+            }
+        }
+        let [front_left, rear_left, rear_right, front_right] = heights_m;
+        let rise = (front_left + front_right - rear_left - rear_right) / (4.0 * ahead_m);
+        let lift = (front_left + rear_left - front_right - rear_right) / (4.0 * left_m);
+        let grade = if forward { rise } else { -rise };
+        let vehicle = &map.vehicle;
+        let along = (grade / vehicle.grade_up).max(-grade / vehicle.grade_down);
+        along.max(lift.abs() / vehicle.max_side_slope())
+    }
+
+    /// Radians that the vehicle may turn in place towards an angle before its wheels come onto slopes beyond its limits.
+    pub fn turn_allowed_rad(&self, pose: &Pose, wanted_rad: f64) -> f64 {
+        let at = Position::new(pose.x_m, pose.y_m);
+        if !self.is_steep_around(at, 0.0) {
+            return wanted_rad;
+        }
+        let most = self.steepness(at, pose.heading_rad, true).max(1.0);
+        let steps = (wanted_rad.abs() / TURN_STEP_RAD).ceil();
+        let steep = |turn_rad: f64| self.steepness(at, pose.heading_rad + turn_rad, true) > most;
+        let first = (1..=steps as u32).find(|&k| steep(wanted_rad * f64::from(k) / steps));
+        first.map_or(wanted_rad, |k| wanted_rad * f64::from(k - 1) / steps)
+    }
+
     /// Whether the map closes a place that lies some metres away in a direction.
     pub fn forbids_towards(&self, at: Position, heading_rad: f64, away_m: f64) -> bool {
         self.forbids(at) || (away_m >= SLOPE_RADII * self.radius_m && self.slope_forbids(at, heading_rad))
@@ -329,6 +386,21 @@ impl RegionState {
         }
     }
 
+    /// Greatest speed that the soil, as it is believed, and the engine allow on the grade that the robot climbs; infinite where
+    /// nothing is known of them, and on no-go ground, which is to be left.
+    pub fn going_mps(&self, pose: &Pose) -> f64 {
+        let at = Position::new(pose.x_m, pose.y_m);
+        let fares = self.knowledge().and_then(|knowledge| {
+            let code = knowledge.codes()[knowledge.geometry().cell_at(at)?];
+            let (map, class) = (knowledge.map(), SoilClass::from_code(code).ok()?);
+            let fares = Trafficability::of(&map.vehicle, class, map.rank.moisture_percent);
+            fares
+                .go
+                .then(|| fares.powered_speed_mps(&map.vehicle, pose.pitch_rad.tan()))
+        });
+        fares.unwrap_or(f64::INFINITY)
+    }
+
     /// What is left of the global route from the point nearest to a place on.
     pub fn rest_of_route(&self, at: Position) -> &[Position] {
         let route = self.source.route();
@@ -361,6 +433,23 @@ impl RegionState {
     pub fn is_cut_off(&self) -> bool {
         self.knowledge()
             .is_some_and(|knowledge| knowledge.standing() == Standing::CutOff)
+    }
+
+    /// Cells of the global route and those beside them.
+    fn around_route(&self) -> HashSet<(i64, i64)> {
+        let cells = self.knowledge().map_or(&[][..], Knowledge::route_cells);
+        let around = |cell: &Cell| {
+            let (row, column) = (cell.row as i64, cell.column as i64);
+            (-1..=1).flat_map(move |down| (-1..=1).map(move |right| (row + down, column + right)))
+        };
+        cells.iter().flat_map(around).collect()
+    }
+
+    fn is_steep_off_route(&self, at: Position, on_route: &HashSet<(i64, i64)>) -> bool {
+        self.knowledge().is_some_and(|knowledge| {
+            let (row, column) = knowledge.geometry().fractional(at);
+            !knowledge.is_gentle_around(at, 0.0) && !on_route.contains(&(row.floor() as i64, column.floor() as i64))
+        })
     }
 
     /// Lets the grids follow ranks that have changed: which, before and after.
@@ -410,24 +499,28 @@ impl RegionState {
 
     /// Elevation at a place, between the centres of four cells; `None` where it is not known.
     pub fn height_m(&self, at: Position) -> Option<f64> {
-        let elevation = self.source.elevation_m()?;
-        let geometry = elevation.geometry();
-        let (row, column) = geometry.fractional(at);
-        let (row, column) = (row - 0.5, column - 0.5);
-        let (top, left) = (row.floor(), column.floor());
-        let (down, right) = (row - top, column - left);
-        let mut sum = 0.0;
-        for (rows, share_down) in [(0, 1.0 - down), (1, down)] {
-            for (columns, share_right) in [(0, 1.0 - right), (1, right)] {
-                let share = share_down * share_right;
-                if share > 0.0 {
-                    let cell = geometry.checked(top as i64 + rows, left as i64 + columns)?;
-                    sum += share * f64::from(elevation[cell]);
-                }
+        height_between(self.source.elevation_m()?, at)
+    }
+}
+
+/// The same of any map.
+fn height_between(elevation: &Layer<f32>, at: Position) -> Option<f64> {
+    let geometry = elevation.geometry();
+    let (row, column) = geometry.fractional(at);
+    let (row, column) = (row - 0.5, column - 0.5);
+    let (top, left) = (row.floor(), column.floor());
+    let (down, right) = (row - top, column - left);
+    let mut sum = 0.0;
+    for (rows, share_down) in [(0, 1.0 - down), (1, down)] {
+        for (columns, share_right) in [(0, 1.0 - right), (1, right)] {
+            let share = share_down * share_right;
+            if share > 0.0 {
+                let cell = geometry.checked(top as i64 + rows, left as i64 + columns)?;
+                sum += share * f64::from(elevation[cell]);
             }
         }
-        sum.is_finite().then_some(sum)
     }
+    sum.is_finite().then_some(sum)
 }
 
 /// First rows and columns of the blocks of a grid.
@@ -456,16 +549,20 @@ impl Ground for RegionState {
             };
             factors.extend(lines[0].iter().map(factor));
         }
+        let on_route = self.around_route();
         for (down, right) in blocks(rows, columns) {
             let middle = centre((down + BLOCK / 2).min(rows - 1), (right + BLOCK / 2).min(columns - 1));
-            if self.in_nest(middle) {
+            let mut outside = match self.in_nest(middle) {
+                true => 1.0,
+                false if self.outside == OutsideNests::Block && !self.leaving_no_go => f32::INFINITY,
+                false => OUTSIDE_COST,
+            };
+            if self.is_steep_off_route(middle, &on_route) {
+                outside *= STEEP_COST;
+            }
+            if outside <= 1.0 {
                 continue;
             }
-            let outside = if self.outside == OutsideNests::Block && !self.leaving_no_go {
-                f32::INFINITY
-            } else {
-                OUTSIDE_COST
-            };
             for row in down..(down + BLOCK).min(rows) {
                 let line = &mut factors[row * columns + right..row * columns + (right + BLOCK).min(columns)];
                 for factor in line {

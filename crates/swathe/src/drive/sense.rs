@@ -44,10 +44,11 @@ impl Navigator {
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
+        let (height_m, tolerance_m) = (self.params.sensor_height_m, self.params.ground_tolerance_m);
         match self
             .region
             .as_ref()
-            .and_then(|region| region.attitude(pose, scan, &self.params))
+            .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m))
         {
             Some(attitude) => self.grid.observe(pose, scan, |beam| attitude.explain(scan, beam)),
             None => self.grid.observe(pose, scan, |beam| scan.beam(beam)),
@@ -57,10 +58,11 @@ impl Navigator {
 
     /// Takes in one beam as a cone.
     fn take_in_cone(&mut self, pose: &Pose, scan: &Scan, beam: usize, cone_rad: f64, sides: usize) {
+        let (height_m, tolerance_m) = (self.params.sonar_height_m, self.params.ground_tolerance_m);
         let attitude = self
             .region
             .as_ref()
-            .and_then(|region| region.attitude(pose, scan, &self.params));
+            .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m));
         let told = attitude.map_or_else(|| scan.beam(beam), |attitude| attitude.explain(scan, beam));
         let (Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m }) = told else {
             return;
@@ -88,6 +90,17 @@ impl Navigator {
     /// # Errors
     /// The [`Reason`] why it was left out.
     pub fn sense(&mut self, time_s: f64, pose: &Pose, scan: &Scan, cone_rad: f64) -> Result<(), Reason> {
+        let taken = self.hear(time_s, pose, scan, cone_rad);
+        // What a step says of a robot that sees nothing more.
+        match taken {
+            Ok(()) => self.refused = None,
+            Err(reason @ (Reason::BadScan | Reason::BlindScan)) => self.refused = Some(reason),
+            Err(_) => {}
+        }
+        taken
+    }
+
+    fn hear(&mut self, time_s: f64, pose: &Pose, scan: &Scan, cone_rad: f64) -> Result<(), Reason> {
         if !(is_place(time_s, pose) && (0.0..=CONE_MAX_RAD).contains(&cone_rad)) {
             return Err(Reason::BadState);
         }

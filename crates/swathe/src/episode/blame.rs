@@ -98,7 +98,9 @@ impl Trail {
             last = Some(state);
             let target = mover.map_or(place, |number| world.movers()[number].at(state.time_s));
             let radius_m = mover.map_or(0.0, |number| world.movers()[number].radius_m);
-            seen += usize::from(sees(world, &params.laser, state, target, radius_m));
+            let laser = params.has_laser.then_some(&params.laser);
+            let mut sensors = laser.into_iter().chain(&params.sonar);
+            seen += usize::from(sensors.any(|sensor| sees(world, sensor, state, target, radius_m)));
             if seen >= SCANS {
                 let speed_mps = state.speed_mps.abs();
                 let braking_mps2 = robot.body().motion().max_braking_mps2;

@@ -22,7 +22,8 @@ pub use fault::{Fault, FaultKind};
 pub use judge::{Outcome, Verdict};
 pub use run::{Actors, Episode};
 pub use second::{
-    CertaintyMap, CommandRows, GridRows, Happening, HistogramRow, MotionRows, MoverRows, ScanRows, Second, status_code,
+    CertaintyMap, CommandRows, GridRows, Happening, HistogramRow, MotionRows, MoverRows, ScanRows, Second, SonarRows,
+    status_code,
 };
 
 /// How an episode runs.

@@ -19,6 +19,8 @@ pub(super) struct Told<'a> {
     pub speed_mps: f64,
     pub turn_rate_radps: f64,
     pub arrived: &'a [Taken],
+    /// The same of the sonar ring, with the number of the cone.
+    pub echoes: &'a [(usize, Taken)],
     pub reading: Option<&'a PenetrometerReading>,
     pub command: Command,
     pub body: &'a BodyState,
@@ -39,6 +41,9 @@ impl Recorder {
         let (time_s, body) = (told.time_s, told.body);
         for (taken_s, scan) in told.arrived {
             second.scans.push(*taken_s, time_s, scan);
+        }
+        for (cone, (taken_s, scan)) in told.echoes {
+            second.sonar.push(*taken_s, time_s, *cone, scan);
         }
         second
             .odometry

@@ -36,6 +36,8 @@ pub struct Episode {
     params: EpisodeParams,
     seen: Option<sim::Observation>,
     held: Held,
+    /// The same for every cone of the sonar ring.
+    held_cones: Vec<Held>,
     /// Where the robot thought it was.
     poses: VecDeque<(f64, Pose)>,
     tally: Tally,
@@ -66,6 +68,7 @@ impl Episode {
             params,
             seen: None,
             held: Held::default(),
+            held_cones: vec![Held::default(); robot.params().sonar.len()],
             poses: VecDeque::new(),
             trail: Trail::default(),
             recorder: Recorder::default(),
@@ -131,7 +134,8 @@ impl Episode {
             self.poses.pop_front();
         }
         let arrived = self.held.deliver(faults, time_s, seen.scan.take());
-        let newest: Option<Scan> = arrived.last().map(|taken| self.brought_here(taken, &pose));
+        let newest: Option<Scan> = arrived.last().and_then(|taken| self.brought_here(taken, &pose));
+        let echoes = self.listen(actors, time_s, &pose, seen.sonar.take(), second);
         let reading = self.probe(actors, &seen.body, &pose, second);
         let before_s = (actors.clock)();
         let command = actors.navigator.step(&Observation {
@@ -154,6 +158,7 @@ impl Episode {
                 speed_mps: seen.body.wheel_speed_mps,
                 turn_rate_radps: seen.body.turn_rate_radps,
                 arrived: &arrived,
+                echoes: &echoes,
                 reading: reading.as_ref(),
                 command,
                 body: &seen.body,
@@ -190,6 +195,43 @@ impl Episode {
         self.seen = Some(seen);
     }
 
+    /// Hands what the sonar ring heard to the navigator; cones fail as scans do.
+    fn listen(
+        &mut self,
+        actors: &mut Actors,
+        time_s: f64,
+        pose: &Pose,
+        heard: Option<(f64, Vec<Scan>)>,
+        second: &mut Second,
+    ) -> Vec<(usize, Taken)> {
+        let (taken_s, mut scans) = heard.map_or((time_s, Vec::new().into_iter()), |(taken_s, scans)| {
+            (taken_s, scans.into_iter())
+        });
+        let mut echoes = Vec::new();
+        for (cone, held) in self.held_cones.iter_mut().enumerate() {
+            let scan = scans.next().map(|scan| (taken_s, scan));
+            let arrived = held.deliver(&self.params.faults, time_s, scan);
+            echoes.extend(arrived.into_iter().map(|taken| (cone, taken)));
+        }
+        let (mut hears, mut refused) = (false, None);
+        for (_, taken) in &echoes {
+            let Some(scan) = self.brought_here(taken, pose) else {
+                continue;
+            };
+            let clock_s = clock_s(&self.params.faults, time_s);
+            match actors.navigator.sense(clock_s, pose, &scan, sim::SONAR_CONE_RAD) {
+                Ok(()) => hears = true,
+                Err(reason) => refused = Some(reason),
+            }
+        }
+        // A cone that says nothing is no news; a ring of them is.
+        if let Some(reason) = refused.filter(|_| !hears) {
+            let told = drive::Event::ScanRefused { reason };
+            second.events.push((time_s, Happening::Drive(told)));
+        }
+        echoes
+    }
+
     /// Begins a probe when one is wanted and the body stands, and hands out the reading when it is done.
     fn probe(
         &mut self,
@@ -218,15 +260,13 @@ impl Episode {
         None
     }
 
-    /// A scan as if it were taken from where the robot is now: its mount is where the sensor was.
-    fn brought_here(&self, (taken_s, scan): &Taken, pose: &Pose) -> Scan {
+    /// A scan as if it were taken from where the robot is now: its mount is where the sensor was. `None` when the robot does not
+    /// remember any more where that was.
+    fn brought_here(&self, (taken_s, scan): &Taken, pose: &Pose) -> Option<Scan> {
         let mut scan = scan.clone();
-        let then = self.poses.iter().rev().find(|(then_s, _)| *then_s <= taken_s + 1e-9);
-        let Some((_, then)) = then.or(self.poses.front()) else {
-            return scan;
-        };
+        let (_, then) = self.poses.iter().rev().find(|(then_s, _)| *then_s <= taken_s + 1e-9)?;
         if then == pose {
-            return scan;
+            return Some(scan);
         }
         let sensor = then.of_mount(&scan.mount);
         let (dx, dy) = (sensor.x_m - pose.x_m, sensor.y_m - pose.y_m);
@@ -236,7 +276,7 @@ impl Episode {
             y_m: cos * dy - sin * dx,
             heading_rad: wrap(sensor.heading_rad - pose.heading_rad),
         };
-        scan
+        Some(scan)
     }
 
     fn note_faults(&mut self, time_s: f64, second: &mut Second) {

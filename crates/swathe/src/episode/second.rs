@@ -31,6 +31,29 @@ impl ScanRows {
     }
 }
 
+/// What the cones of the sonar ring heard, one row a cone, in the order of arrival; no rows without a ring.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SonarRows {
+    /// When each was taken.
+    pub times_s: Vec<f64>,
+    /// When each arrived.
+    pub arrivals_s: Vec<f64>,
+    /// Number of the cone in the ring.
+    pub cones: Vec<u8>,
+    /// Its range: infinite is clear, NaN or below the least range invalid.
+    pub ranges_m: Vec<f32>,
+}
+
+impl SonarRows {
+    pub(super) fn push(&mut self, taken_s: f64, arrival_s: f64, cone: usize, scan: &Scan) {
+        self.times_s.push(taken_s);
+        self.arrivals_s.push(arrival_s);
+        self.cones.push(cone as u8);
+        let range_m = scan.ranges_m.first().copied().unwrap_or(f64::NAN);
+        self.ranges_m.push(range_m as f32);
+    }
+}
+
 /// Poses and speeds, one row a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotionRows {
@@ -172,6 +195,8 @@ pub struct Second {
     pub end_s: f64,
     /// Scans.
     pub scans: ScanRows,
+    /// What the sonar ring heard.
+    pub sonar: SonarRows,
     /// The robot as it believes: pose, speed of its wheels, turn rate.
     pub odometry: MotionRows,
     /// The body.

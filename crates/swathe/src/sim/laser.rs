@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 use crate::grid::Position;
 use crate::random::unit;
 use crate::sensor::{Mount, Pose, Scan, wrap};
+use crate::vehicle::Vehicle;
 
 use super::noise::{Noise, Stream, normals};
 use super::relief::Ray;
@@ -67,16 +68,21 @@ const PIONEER_SONAR_PLACES_M: [(f64, f64); 8] = [
     (0.069, -0.136),
 ];
 
+/// Width of a sonar's cone.
+pub const SONAR_CONE_RAD: f64 = 30.0 * PI / 180.0;
+
+/// Length and width of the Pioneer that the places are those of.
+const PIONEER_M: (f64, f64) = (0.44, 0.38);
+
 /// Rays of one sonar cone; its range is the shortest.
 const CONE_RAYS: usize = 7;
 
 /// The Pioneer's front ring: eight cones of 30 degrees, 0.1 to 5 m. Each is scanned with [`Laser::cone`].
 pub fn pioneer_sonar() -> Vec<Laser> {
-    let cone_rad = 30.0 * PI / 180.0;
     let of = |(&heading_rad, (x_m, y_m)): (&f64, (f64, f64))| Laser {
         beams: CONE_RAYS,
-        angle_min_rad: -cone_rad / 2.0,
-        angle_increment_rad: cone_rad / (CONE_RAYS - 1) as f64,
+        angle_min_rad: -SONAR_CONE_RAD / 2.0,
+        angle_increment_rad: SONAR_CONE_RAD / (CONE_RAYS - 1) as f64,
         range_min_m: 0.1,
         range_max_m: 5.0,
         mount: Mount { x_m, y_m, heading_rad },
@@ -88,6 +94,17 @@ pub fn pioneer_sonar() -> Vec<Laser> {
         resolution_m: 0.01,
     };
     PIONEER_SONAR_RAD.iter().zip(PIONEER_SONAR_PLACES_M).map(of).collect()
+}
+
+/// The same ring on another vehicle: its places lie as they do on the Pioneer, drawn out to the vehicle's length and width.
+pub fn sonar_ring(vehicle: &Vehicle) -> Vec<Laser> {
+    let (length_m, width_m) = PIONEER_M;
+    let mut ring = pioneer_sonar();
+    for cone in &mut ring {
+        cone.mount.x_m *= vehicle.length_m / length_m;
+        cone.mount.y_m *= vehicle.width_m / width_m;
+    }
+    ring
 }
 
 impl Laser {

@@ -31,7 +31,7 @@ pub use crate::vehicle::{Motion, Steering};
 pub use body::{Body, BodyState, Command, Stop};
 pub use draw::{Scenario, ScenarioKind, random_world};
 pub use ground::{Ground, NoGo, TruthErrors};
-pub use laser::{Laser, PIONEER_SONAR_RAD, pioneer_sonar};
+pub use laser::{Laser, PIONEER_SONAR_RAD, SONAR_CONE_RAD, pioneer_sonar, sonar_ring};
 pub use localiser::{Localiser, LocaliserParams};
 pub use noise::Noise;
 pub use obstacle::{Footprint, Obstacle, Shape};

@@ -15,6 +15,8 @@ use super::{
 pub struct RobotParams {
     /// Its laser.
     pub laser: Laser,
+    /// Whether it carries the laser.
+    pub has_laser: bool,
     /// Cones of its sonar ring; none for none.
     pub sonar: Vec<Laser>,
     /// Its penetrometer.
@@ -36,6 +38,7 @@ impl Default for RobotParams {
     fn default() -> Self {
         Self {
             laser: Laser::sick_lms200(false, false),
+            has_laser: true,
             sonar: Vec::new(),
             penetrometer: Penetrometer::default(),
             localiser: LocaliserParams::default(),
@@ -54,6 +57,9 @@ pub struct Observation {
     pub pose: Pose,
     /// The newest scan that arrived in this step and the time at which it was taken.
     pub scan: Option<(f64, Scan)>,
+    /// The newest shot of the sonar ring that arrived in this step, one scan of a single beam from every cone, and the time at
+    /// which it was taken.
+    pub sonar: Option<(f64, Vec<Scan>)>,
     /// The truth.
     pub body: BodyState,
 }
@@ -67,7 +73,10 @@ pub struct Robot {
     localiser: Localiser,
     /// Scans under way with the time at which they were taken.
     under_way: VecDeque<(f64, Scan)>,
+    /// The same of the sonar ring.
+    echoes: VecDeque<(f64, Vec<Scan>)>,
     scans: u64,
+    pings: u64,
     shots: u64,
     pushes: u64,
 }
@@ -110,7 +119,9 @@ impl Robot {
             noise,
             localiser,
             under_way: VecDeque::new(),
+            echoes: VecDeque::new(),
             scans: 0,
+            pings: 0,
             shots: 0,
             pushes: 0,
         })
@@ -141,22 +152,37 @@ impl Robot {
         let body = *self.body.step(world, command, duration_s);
         let pose = self.localiser.update(&body);
         let due = (body.time_s * self.params.laser.rate_hz + 1e-9).floor() as u64 + 1;
-        if due > self.scans {
+        if self.params.has_laser && due > self.scans {
             self.scans = due;
-            let lost = self.noise.units(super::noise::Stream::Beams, due, u32::MAX)[0] < self.params.scan_dropout;
-            if !lost {
+            if !self.is_lost(due, u32::MAX) {
                 let scan = self.scan(world);
                 self.under_way.push_back((body.time_s, scan));
             }
         }
-        let mut scan = None;
-        while let Some((taken_s, _)) = self.under_way.front() {
-            if body.time_s + 1e-9 < taken_s + self.params.scan_delay_s {
-                break;
+        if let Some(cone) = self.params.sonar.first() {
+            let due = (body.time_s * cone.rate_hz + 1e-9).floor() as u64 + 1;
+            if due > self.pings {
+                self.pings = due;
+                if !self.is_lost(due, u32::MAX - 1) {
+                    let echo = self.sonar(world);
+                    self.echoes.push_back((body.time_s, echo));
+                }
             }
-            scan = self.under_way.pop_front();
         }
-        Observation { pose, scan, body }
+        let until_s = body.time_s + 1e-9 - self.params.scan_delay_s;
+        let scan = newest(&mut self.under_way, until_s);
+        let sonar = newest(&mut self.echoes, until_s);
+        Observation {
+            pose,
+            scan,
+            sonar,
+            body,
+        }
+    }
+
+    /// Whether a scan or a shot of the ring never arrives.
+    fn is_lost(&self, count: u64, draw: u32) -> bool {
+        self.noise.units(super::noise::Stream::Beams, count, draw)[0] < self.params.scan_dropout
     }
 
     /// A scan of this moment.
@@ -218,4 +244,13 @@ impl Robot {
         (reading.x_m, reading.y_m) = (thought.x_m, thought.y_m);
         (reading, seconds)
     }
+}
+
+/// The newest of what was taken until a time; older ones are let go.
+fn newest<T>(under_way: &mut VecDeque<(f64, T)>, until_s: f64) -> Option<(f64, T)> {
+    let mut found = None;
+    while under_way.front().is_some_and(|(taken_s, _)| *taken_s <= until_s) {
+        found = under_way.pop_front();
+    }
+    found
 }
