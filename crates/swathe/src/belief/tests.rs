@@ -1,4 +1,6 @@
 //! Laws of the belief, and worlds drawn as text.
+//!
+//! Why this file is long: the laws of one belief share its worlds.
 
 use proptest::prelude::*;
 use rstest::rstest;
