@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swathe.belief import units_of_classes
 from swathe.errors import OutsideGridError
 from swathe.grid import GridGeometry
+from swathe.io.generated import generated_soil
 from swathe.random import uniform
-from swathe.scenario import Scenario, scenario_of
+from swathe.scenario import Scenario, load_scenario, scenario_of
 from swathe.soil import SoilClass
-from swathe.truth import Route, crates, disc, hollows, true_world
+from swathe.truth import Route, crates, disc, hollows, mistaken, true_world
 
 GEOMETRY = GridGeometry(60, 80, 1.0, 100.0, 260.0)
 FLAT = np.zeros(GEOMETRY.shape, dtype=np.float32)
@@ -152,3 +154,21 @@ def test_hollows_lie_on_the_soil_that_hides_them() -> None:
     dug = hollows(scenario(truth={"hollows": 30, "hollow_m": [4, 8]}).truth, GEOMETRY, soil, ROUTE, 1)
     assert len(dug) > 10
     assert all(x_m >= 140 for x_m, _, _ in dug)
+
+
+def test_polygons_are_wrong_as_wholes_but_those_of_the_ends() -> None:
+    truth = load_scenario("wrong-soil").truth
+    geometry = GridGeometry(320, 320, 1.0, 0.0, 320.0)
+    soil = generated_soil("fields")
+    route = Route(np.array([(20.0, 30.0), (300.0, 290.0)]))
+    layer, units = units_of_classes(soil)
+    wrong = 0
+    for seed in range(20):
+        true = mistaken(truth, geometry, soil, route, seed)
+        changed = {number for number in units if (true != soil)[layer == number].any()}
+        for number in changed:
+            assert len(np.unique(true[layer == number])) == 1
+        assert not changed & {int(layer[290, 20]), int(layer[30, 300])}
+        wrong += len(changed)
+    # Four in ten, but for those of the ends.
+    assert 0.3 < wrong / (20 * len(units)) < 0.45

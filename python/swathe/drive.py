@@ -157,6 +157,7 @@ class DriveParams:
         probing: when the robot stops for a penetrometer reading: ``never``, ``every N m``, or ``where it matters
             [above C]``: where a reading is expected to save more than C seconds of driving.
         probe_wait_s: how long it waits for one before it drives on.
+        probe_boom_m: distance from the front edge of the footprint forwards to the cone.
     """
 
     method: Literal["vfh", "vfh+", "vfh*", "player"] = "vfh+"
@@ -173,6 +174,7 @@ class DriveParams:
     recover: bool = True
     probing: str = "never"
     probe_wait_s: float = 30.0
+    probe_boom_m: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,11 +146,12 @@ class DrivePart(_Part):
 
 
 class ProbingPart(_Part):
-    """``[probing]``: when the drive stops to push the penetrometer in."""
+    """``[probing]``: when the drive stops to push the penetrometer in, and how far before its front edge."""
 
     policy: Literal["never", "every", "where-it-matters"] = "never"
     every_m: Length = 25.0
     above_s: Seconds = 15.0
+    boom_m: float = Field(default=0.5, ge=-20.0, le=20.0)
 
     @property
     def text(self) -> str:
@@ -180,6 +181,8 @@ class TruthPart(_Part):
 
     ``hollows`` are drawn with their middle on ``hollow_in``, none nearer to start and goal than ``clear_m``: discs
     with a radius between the two of ``hollow_m``, in the inner half of ``core_soil``, around it of ``rim_soil``.
+    ``wrong_polygons`` is the share of the soil map's polygons (connected patches of a class) that are of another class
+    as wholes, drawn from ``wrong_soils``; those of start and goal are right.
     """
 
     height_error_m: Metres = 0.0
@@ -193,6 +196,8 @@ class TruthPart(_Part):
     rim_soil: Soil = "silt"
     core_soil: Soil = "clay"
     clear_m: Metres = 10.0
+    wrong_polygons: Share = 0.0
+    wrong_soils: tuple[Soil, ...] = Field(default=("gravel", "sand", "clay", "silt"), min_length=2)
 
 
 class Box(_Part):

@@ -279,7 +279,8 @@ class RobotParams:
 
     Odometry: ``scale_error`` and ``heading_drift_radps`` are deviations drawn once a run; noises are per root of a
     metre driven; ``blind_to_slip`` makes it count wheels. Fixes replace the estimate ``fix_rate_hz`` times a second, or
-    with ``fuses_fixes`` are weighed against it by the variances of both.
+    with ``fuses_fixes`` are weighed against it by the variances of both. ``probe_boom_m`` is the distance from the
+    vehicle's front edge forwards to the cone of the penetrometer, at most 20 m either way.
     """
 
     has_laser: bool = True
@@ -296,6 +297,7 @@ class RobotParams:
     fix_heading_noise_rad: float = 0.0
     blind_to_slip: bool = False
     fuses_fixes: bool = False
+    probe_boom_m: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)

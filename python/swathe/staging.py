@@ -126,6 +126,7 @@ class Stage:
             fix_heading_noise_rad=sensors.fix_heading_noise_rad,
             blind_to_slip=sensors.blind_to_slip,
             fuses_fixes=sensors.fuses_fixes,
+            probe_boom_m=scenario.probing.boom_m,
         )
         robot = sim.Robot(self.world, self.vehicle, self.start, laser=laser, params=params, seed=scenario.seed)
         how = DriveParams(
@@ -136,6 +137,7 @@ class Stage:
             memory=given.memory,
             recover=given.recover,
             probing=scenario.probing.text,
+            probe_boom_m=scenario.probing.boom_m,
             sensor_height_m=laser.height_m,
         )
         goal = (self.goal.x_m, self.goal.y_m)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swathe.belief import units_of_classes
 from swathe.errors import OutsideGridError
 from swathe.random import uniform
 from swathe.rank import moisture_percent
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from swathe import scenario as plan
     from swathe.grid import GridGeometry
 
-#: Streams of draws for what stands in the world.
-_CRATES, _HOLLOWS = 101, 102
+#: Streams of draws for what stands in the world, and for what is wrong with its map.
+_CRATES, _HOLLOWS, _POLYGONS = 101, 102, 103
 _TRIES = 20
 
 
@@ -80,6 +81,8 @@ def true_world(
     seed = scenario.seed if seed is None else seed
     truth = scenario.truth
     codes = np.full(geometry.shape, SoilClass.SAND, dtype=np.uint8) if soil is None else soil.copy()
+    if truth.wrong_polygons > 0 and soil is not None:
+        codes = mistaken(truth, geometry, soil, route, seed)
     codes[codes == SoilClass.UNKNOWN] = SoilClass.SAND
     moisture = moisture_percent(truth.moisture or scenario.plan.moisture)
 
@@ -114,6 +117,32 @@ def true_world(
     return drawn
 
 
+def mistaken(
+    truth: plan.TruthPart, geometry: GridGeometry, soil: NDArray[np.uint8], route: Route, seed: int
+) -> NDArray[np.uint8]:
+    """Return the true soil behind a map some of whose polygons are of another class as wholes.
+
+    Polygons are connected patches of a class; those of a route's ends, and unknown ground, are as the map says.
+    """
+    layer, units = units_of_classes(soil)
+    draws = uniform(seed, _POLYGONS, (len(units) + 1) * 2).reshape(-1, 2)
+    kept = {int(layer[geometry_cell(geometry, *end)]) for end in (route.points_m[0], route.points_m[-1])}
+    codes = soil.copy()
+    for number, unit in units.items():
+        wrong, pick = draws[number]
+        others = [SoilClass[name.upper()] for name in truth.wrong_soils if SoilClass[name.upper()] != unit.soil_class]
+        if wrong < truth.wrong_polygons and number not in kept:
+            codes[layer == number] = others[int(pick * len(others))]
+    return codes
+
+
+def geometry_cell(geometry: GridGeometry, x_m: float, y_m: float) -> tuple[int, int]:
+    """Return row and column of the cell at a place, of the nearest one outside."""
+    row = int((geometry.north_m - y_m) / geometry.cell_size_m)
+    column = int((x_m - geometry.west_m) / geometry.cell_size_m)
+    return max(0, min(row, geometry.shape[0] - 1)), max(0, min(column, geometry.shape[1] - 1))
+
+
 def hollows(
     truth: plan.TruthPart, geometry: GridGeometry, soil: NDArray[np.uint8], route: Route, seed: int
 ) -> list[tuple[float, float, float]]:
@@ -127,9 +156,7 @@ def hollows(
             x_m = geometry.west_m + float(east) * (geometry.east_m - geometry.west_m)
             y_m = geometry.south_m + float(north) * (geometry.north_m - geometry.south_m)
             radius_m = least_m + float(size) * (most_m - least_m)
-            row = int((geometry.north_m - y_m) / geometry.cell_size_m)
-            column = int((x_m - geometry.west_m) / geometry.cell_size_m)
-            if soil[min(row, soil.shape[0] - 1), min(column, soil.shape[1] - 1)] != SoilClass[truth.hollow_in.upper()]:
+            if soil[geometry_cell(geometry, x_m, y_m)] != SoilClass[truth.hollow_in.upper()]:
                 continue
             if min(math.hypot(x_m - end[0], y_m - end[1]) for end in ends) >= radius_m + truth.clear_m:
                 found.append((x_m, y_m, radius_m))

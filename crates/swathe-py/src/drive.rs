@@ -51,6 +51,7 @@ fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
         recover: entry(dict, "recover")?,
         probing: probing(entry::<(String, f64)>(dict, "probing")?)?,
         probe_wait_s: entry(dict, "probe_wait_s")?,
+        probe_boom_m: entry(dict, "probe_boom_m")?,
         ..DriveParams::default()
     })
 }
@@ -149,7 +150,11 @@ fn knowledge(py: Python<'_>, learning: Learning<'_>) -> PyResult<(Knowledge, Opt
     );
     let layer = layer.map_err(CoreError::from)?;
     let units = units.into_iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
-    let (params, grids) = (params_of(&belief)?, grids.as_ref().map(grids::params).transpose()?);
+    let (mut params, grids) = (params_of(&belief)?, grids.as_ref().map(grids::params).transpose()?);
+    params.types = params
+        .types
+        .on_day(map.rank.moisture_percent)
+        .map_err(CoreError::from)?;
     let made = py.detach(|| -> Result<Knowledge, CoreError> {
         Ok(Knowledge::new(map, SoilBelief::new(&layer, &units, params)?)?)
     });

@@ -328,7 +328,10 @@ fn robot_params(
         } else {
             Vec::new()
         },
-        penetrometer: Penetrometer::default(),
+        penetrometer: Penetrometer {
+            boom_m: number("probe_boom_m")?,
+            ..Penetrometer::default()
+        },
         localiser: LocaliserParams {
             scale_error: number("scale_error")?,
             distance_noise_m: number("distance_noise_m")?,

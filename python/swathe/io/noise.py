@@ -21,14 +21,14 @@ def smooth_noise(shape: tuple[int, int], wavelength_cells: float, first: int = 0
     down, right = ((fraction - np.floor(fraction)) for fraction in (row, column))
     down, right = (part * part * (3 - 2 * part) for part in (down, right))
     one = np.uint64(1)
-    corners = [[_hashed(top + r, left + c) for c in (np.uint64(0), one)] for r in (np.uint64(0), one)]
+    corners = [[hashed(top + r, left + c) for c in (np.uint64(0), one)] for r in (np.uint64(0), one)]
     upper = corners[0][0] * (1 - right) + corners[0][1] * right
     lower = corners[1][0] * (1 - right) + corners[1][1] * right
     noise: NDArray[np.float64] = upper * (1 - down[:, None]) + lower * down[:, None]
     return noise
 
 
-def _hashed(rows: NDArray[np.uint64], columns: NDArray[np.uint64]) -> NDArray[np.float64]:
+def hashed(rows: NDArray[np.uint64], columns: NDArray[np.uint64]) -> NDArray[np.float64]:
     """Return a value in -1..1 for every pair of a row and a column (the finaliser of SplitMix64)."""
     state = rows[:, None] * np.uint64(0x9E3779B97F4A7C15) + columns[None, :] * np.uint64(0xD1B54A32D192ED03)
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

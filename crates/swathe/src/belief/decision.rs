@@ -91,6 +91,11 @@ impl Going {
         self.strengths_kpa[class] >= self.needed_kpa
     }
 
+    /// Chance of each class that it does not carry the vehicle, by its table: 0 or 1.
+    fn fails_by_table(&self) -> PerClass {
+        std::array::from_fn(|k| if self.carries_by_table(k) { 0.0 } else { 1.0 })
+    }
+
     /// Probability of a goodness of at least `least`.
     fn at_least(&self, chances: &PerClass, least: u8) -> f64 {
         let good = (0..CLASS_COUNT).filter(|&k| CLASSES[k].goodness(self.table) >= least);
@@ -110,20 +115,32 @@ impl Going {
     }
 
     /// The likeliest class that does not carry the vehicle, or no ground when only a measurement speaks against it.
-    fn likeliest_that_fails(&self, chances: &PerClass, fails: [bool; CLASS_COUNT]) -> SoilClass {
+    fn likeliest_that_fails(&self, chances: &PerClass, fails: &PerClass) -> SoilClass {
+        let failing = |k: usize| chances[k] * fails[k];
         let likeliest = (0..CLASS_COUNT)
-            .filter(|&k| fails[k])
-            .max_by(|&a, &b| chances[a].total_cmp(&chances[b]));
+            .filter(|&k| fails[k] > 0.0)
+            .max_by(|&a, &b| failing(a).total_cmp(&failing(b)));
         likeliest
             .filter(|&k| !self.carries_by_table(k))
             .map_or(SoilClass::None, |k| CLASSES[k])
     }
 }
 
-/// Probability of ground that does not carry the vehicle.
-fn risk(chances: &PerClass, fails: [bool; CLASS_COUNT]) -> f64 {
-    let failing = (0..CLASS_COUNT).filter(|&k| fails[k]);
-    failing.map(|k| chances[k]).sum::<f64>().clamp(0.0, 1.0)
+/// By how much readings must have raised the odds of ground that does not carry against the map's before they close it
+/// (estimate).
+pub const AGAINST_MAP: f64 = 2.0;
+
+/// Probability of ground that does not carry from which readings close it however much is asked of them.
+const LIKELIER_THAN_NOT: f64 = 0.5;
+
+fn odds(chance: f64) -> f64 {
+    chance / (1.0 - chance).max(1e-12)
+}
+
+/// Probability of ground that does not carry the vehicle, of classes with a chance each that they do not.
+fn risk(chances: &PerClass, fails: &PerClass) -> f64 {
+    let failing = chances.iter().zip(fails).map(|(chance, fails)| chance * fails);
+    failing.sum::<f64>().clamp(0.0, 1.0)
 }
 
 impl SoilBelief {
@@ -138,19 +155,20 @@ impl SoilBelief {
             };
         }
         let chances = self.class_probabilities(cell);
-        self.decide_by(&chances, self.fails(cell, going), going)
+        self.decide_by(&chances, &self.fails(cell, going), going)
     }
 
-    /// Which classes do not carry the vehicle at a cell.
-    fn fails(&self, cell: Cell, going: &Going) -> [bool; CLASS_COUNT] {
+    /// Chance of each class at a cell that it does not carry the vehicle.
+    fn fails(&self, cell: Cell, going: &Going) -> PerClass {
+        let failing = self.failing(cell, &going.strengths_kpa, going.needed_kpa);
         std::array::from_fn(|k| match CLASSES[k] {
-            SoilClass::Rock => false,
-            SoilClass::None => true,
-            _ => self.strength_kpa(cell, k, going.strengths_kpa[k]) < going.needed_kpa,
+            SoilClass::Rock => 0.0,
+            SoilClass::None => 1.0,
+            _ => failing[k],
         })
     }
 
-    fn decide_by(&self, chances: &PerClass, fails: [bool; CLASS_COUNT], going: &Going) -> Decision {
+    fn decide_by(&self, chances: &PerClass, fails: &PerClass, going: &Going) -> Decision {
         let no_go_probability = risk(chances, fails);
         let go = no_go_probability <= self.params().no_go_tolerance;
         // Rounding must not take a certain class its goodness.
@@ -188,6 +206,12 @@ impl SoilBelief {
     /// or better ones for likelier than not. Else it is as [`Self::decide`] says: no-go above the tolerance, and the goodness
     /// that is reached with confidence.
     pub fn decide_beside(&self, cell: Cell, mapped: SoilClass, going: &Going) -> Decision {
+        self.decide_against(cell, mapped, going, AGAINST_MAP)
+    }
+
+    /// The same where more is asked of the readings before they close what the map leaves open: the odds must have risen by
+    /// another factor than [`AGAINST_MAP`]. Ground that more likely than not does not carry is closed whatever is asked.
+    pub fn decide_against(&self, cell: Cell, mapped: SoilClass, going: &Going, against: f64) -> Decision {
         let (mapped, drawn) = match self.word(cell) {
             None => (mapped, false),
             Some(Word::Class(class)) => (class, true),
@@ -205,7 +229,7 @@ impl SoilBelief {
             let by_map = if index.is_none() && !drawn {
                 0.0
             } else {
-                risk(&self.prior(cell), std::array::from_fn(|k| !going.carries_by_table(k)))
+                risk(&self.prior(cell), &going.fails_by_table())
             };
             return stays(by_map, carries);
         }
@@ -219,17 +243,16 @@ impl SoilBelief {
                 |k: usize| k == class || (going.carries_by_table(k) && CLASSES[k].goodness(going.table) >= least);
             let upheld: f64 = (0..CLASS_COUNT).filter(|&k| upholds(k)).map(|k| mixture[k]).sum();
             if upheld > 0.5 {
-                return stays(
-                    risk(&mixture, std::array::from_fn(|k| !going.carries_by_table(k))),
-                    carries,
-                );
+                return stays(risk(&mixture, &going.fails_by_table()), carries);
             }
         }
         let (chances, prior) = (self.class_probabilities(cell), self.prior(cell));
         let fails = self.fails(cell, going);
-        let found = self.decide_by(&chances, fails, going);
-        let by_map = risk(&prior, std::array::from_fn(|k| !going.carries_by_table(k)));
-        let go = found.go || (carries && found.no_go_probability <= by_map + 1e-12);
+        let found = self.decide_by(&chances, &fails, going);
+        let by_map = risk(&prior, &going.fails_by_table());
+        let risen = odds(found.no_go_probability) > against.max(1.0) * odds(by_map) + 1e-12;
+        let stands = !risen && (found.no_go_probability < LIKELIER_THAN_NOT || found.no_go_probability <= by_map);
+        let go = found.go || (carries && stands);
         if !go {
             return if carries {
                 found

@@ -22,7 +22,7 @@ use crate::sensor::ReadingError;
 use crate::soil::{SoilClass, SoilError};
 
 pub use area::{Extent, SoilUpdate, Word};
-pub use decision::{Decision, Decisions, Going};
+pub use decision::{AGAINST_MAP, Decision, Decisions, Going};
 pub use posterior::{Changed, Observation, ReadingId, SoilBelief};
 pub use prior::{Prior, Unit};
 pub use probe::{ProbePolicy, ProbeValue, RoutePrices, next_probe, probe_value};

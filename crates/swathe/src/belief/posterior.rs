@@ -11,6 +11,9 @@ use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::sensor::PenetrometerReading;
 use crate::soil::{SoilClass, SoilTable};
 
+#[path = "strength.rs"]
+mod strength;
+
 /// Nearness below which a reading has no direct say any more: 9.2 lengths away.
 const LEAST_NEARNESS: f64 = 1e-4;
 
@@ -268,38 +271,6 @@ impl SoilBelief {
         }
     }
 
-    /// Strength in kPa of a class at a cell, from its table's value and from what was measured near it and in its unit.
-    ///
-    /// The logarithms are averaged with the inverse of their variances as weights. Rock and no ground have none.
-    pub(super) fn strength_kpa(&self, cell: Cell, class: usize, table_kpa: f64) -> f64 {
-        let place = self.ground.units[cell] as usize;
-        let at = self.geometry().centre(cell);
-        let remoulding_ln = self.params.types.0[class].remoulding_index.ln();
-        let noise = self.params.reading_spread_ln.powi(2);
-        let (mut weights, mut sum) = (0.0, 0.0);
-        if let Some(strength_ln) = self.units[place].strength_ln {
-            weights += 1.0 / noise;
-            sum += (strength_ln + remoulding_ln) / noise;
-        }
-        let table_weight = self.params.table_spread_ln.powi(-2);
-        for known in &self.units[place].evidence {
-            let Some(strength_ln) = known.strength_ln else { continue };
-            let near = self.nearness(known.at, at);
-            let far = if place == 0 {
-                0.0
-            } else {
-                self.params.far_strength_weight
-            };
-            let weight = (near + (1.0 - near) * far * known.increment[class]) / noise;
-            weights += weight;
-            sum += weight * (strength_ln + remoulding_ln);
-        }
-        if weights == 0.0 {
-            return table_kpa;
-        }
-        ((table_weight * table_kpa.ln() + sum) / (table_weight + weights)).exp()
-    }
-
     /// 1 at a reading, falling with distance, 0 where it has no say.
     fn nearness(&self, from: Position, to: Position) -> f64 {
         let near = (-from.distance_m(to) / self.params.length_m).exp();
@@ -311,13 +282,7 @@ impl SoilBelief {
             return normalised(unit.base).unwrap_or(unit.prior);
         }
         let near: Vec<f64> = unit.evidence.iter().map(|known| self.nearness(known.at, at)).collect();
-        let mut mixture = unit.base;
-        for (known, near) in unit.evidence.iter().zip(&near) {
-            for (weight, increment) in mixture.iter_mut().zip(&known.increment) {
-                *weight += (1.0 - near) * increment;
-            }
-        }
-        let mixture = normalised(mixture).unwrap_or(unit.prior);
+        let mixture = mixture_of(unit, &near);
         let mut found = mixture;
         for (known, &near) in unit.evidence.iter().zip(&near) {
             if near == 0.0 {
@@ -540,6 +505,17 @@ impl SoilBelief {
             .iter()
             .map(|reading| (reading.id, reading.at, &reading.matched))
     }
+}
+
+/// The mixture of a unit without the share of each reading that counts for itself, by its nearness.
+fn mixture_of(unit: &UnitBelief, near: &[f64]) -> PerClass {
+    let mut mixture = unit.base;
+    for (known, near) in unit.evidence.iter().zip(near) {
+        for (weight, increment) in mixture.iter_mut().zip(&known.increment) {
+            *weight += (1.0 - near) * increment;
+        }
+    }
+    normalised(mixture).unwrap_or(unit.prior)
 }
 
 /// The class by the paper's rule, if a reading reaches so far.

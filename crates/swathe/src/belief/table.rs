@@ -1,6 +1,7 @@
 //! What a penetrometer meets on each soil class: a table that users may edit.
 
 use super::{BeliefError, CLASS_COUNT, CLASSES};
+use crate::soil::{SoilClass, check_moisture};
 
 /// A figure's middle and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +59,28 @@ impl Default for SoilTypes {
 }
 
 impl SoilTypes {
+    /// The table of a day with a moisture in per cent of the dry weight: the cone index of clay and silt moves to the strength
+    /// that they have then, before remoulding, and its rise with depth in proportion. The others keep theirs.
+    ///
+    /// # Errors
+    /// [`BeliefError::Soil`] for a moisture outside 1 to 200 %.
+    pub fn on_day(mut self, moisture_percent: f64) -> Result<Self, BeliefError> {
+        check_moisture(moisture_percent)?;
+        for (class, soil) in CLASSES.iter().zip(&mut self.0) {
+            let (SoilClass::Clay | SoilClass::Silt, Some(rating_kpa)) =
+                (class, class.rating_cone_index_kpa(moisture_percent))
+            else {
+                continue;
+            };
+            let today_ln = (rating_kpa / soil.remoulding_index).ln();
+            let factor = (today_ln - soil.cone_index_ln_kpa.mean).exp();
+            soil.cone_index_ln_kpa.mean = today_ln;
+            soil.gradient_kpa_per_m.mean *= factor;
+            soil.gradient_kpa_per_m.deviation *= factor;
+        }
+        Ok(self)
+    }
+
     /// Checks every figure.
     ///
     /// # Errors

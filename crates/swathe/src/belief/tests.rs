@@ -1,4 +1,6 @@
 //! Laws of the belief, and worlds drawn as text.
+//!
+//! Why this file is long: the laws of one belief share its worlds.
 
 use proptest::prelude::*;
 use rstest::rstest;
@@ -328,6 +330,60 @@ fn a_soft_place_in_sand_is_closed_and_firm_clay_is_opened() {
     // Its code passes the gate that ranks have by the table.
     assert!(firm.code.rating_cone_index_kpa(35.0).is_none_or(|kpa| kpa >= 300.0));
     assert!(!clay.decide(Cell::new(0, 9), &needed).go);
+}
+
+#[test]
+fn firm_sand_says_nothing_of_how_firm_clay_beside_it_would_be() {
+    // Two cells on, clay would be as weak as by its table; at the very place it would be as firm as was measured.
+    let needed = going(300.0, 35.0);
+    let mut sand = one_unit(SoilClass::Sand, BeliefParams::default());
+    let clay = class_index(SoilClass::Clay).unwrap();
+    let strength = |belief: &SoilBelief, column| {
+        let expected = belief
+            .expected_cone_index_kpa(Cell::new(0, column), clay, &needed)
+            .unwrap();
+        expected * belief.params().types.0[clay].remoulding_index
+    };
+    let by_table = strength(&sand, 2);
+    sand.add(&Observation::Reading(reading(5.0, 5.0, [1500.0, 2000.0, 2500.0])))
+        .unwrap();
+    assert!(strength(&sand, 0) > 5.0 * by_table);
+    assert!(strength(&sand, 2) < 1.5 * by_table, "{} {by_table}", strength(&sand, 2));
+}
+
+#[test]
+fn more_evidence_that_is_asked_for_closes_less_and_never_opens_what_likelier_fails() {
+    let needed = going(150.0, 40.0);
+    let mut sand = one_unit(SoilClass::Sand, BeliefParams::default());
+    sand.add(&Observation::Reading(reading(5.0, 5.0, [60.0, 80.0, 100.0])))
+        .unwrap();
+    let closed = |against: f64| -> Vec<usize> {
+        let is_closed = |column: &usize| {
+            let decision = sand.decide_against(Cell::new(0, *column), SoilClass::Sand, &needed, against);
+            !decision.go
+        };
+        (0..10).filter(is_closed).collect()
+    };
+    let counts = [1.0, AGAINST_MAP, 4.0, 1e9].map(|against| closed(against).len());
+    assert!(counts.windows(2).all(|pair| pair[0] >= pair[1]), "{counts:?}");
+    assert!(counts[0] > counts[3] && counts[3] > 0, "{counts:?}");
+    assert_eq!(closed(1e9)[0], 0);
+}
+
+#[test]
+fn a_wet_days_table_matches_wet_silt_as_silt_and_not_as_no_ground() {
+    let params = BeliefParams::default();
+    let wet_kpa = SoilClass::Silt.rating_cone_index_kpa(40.0).unwrap() / 0.7;
+    let profile = reading(0.0, 0.0, [0.87 * wet_kpa, 1.13 * wet_kpa, 1.4 * wet_kpa]);
+    let today = BeliefParams {
+        types: params.types.on_day(40.0).unwrap(),
+        ..params.clone()
+    };
+    let [usual, wet] = [&params, &today].map(|params| match_profile(&profile, params).unwrap());
+    let [silt, none] = [SoilClass::Silt, SoilClass::None].map(|class| class_index(class).unwrap());
+    assert!(usual.likelihood[none] > usual.likelihood[silt], "{usual:?}");
+    assert!(wet.likelihood[silt] > wet.likelihood[none], "{wet:?}");
+    assert!(params.types.on_day(0.5).is_err());
 }
 
 #[test]

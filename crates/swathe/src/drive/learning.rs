@@ -83,7 +83,12 @@ impl Navigator {
         let knowledge = self.region.as_mut().and_then(RegionState::knowledge_mut);
         if let Some(knowledge) = knowledge {
             let change = knowledge.lay(at, goal);
+            let doubted = knowledge.doubted().to_vec();
             self.events.push(route_event(&change));
+            if let Some(region) = self.region.as_mut().filter(|_| !doubted.is_empty()) {
+                region.refresh(&doubted);
+                self.window = None;
+            }
         }
     }
 
@@ -162,7 +167,7 @@ impl Navigator {
     /// Lets grids and window follow what was learnt, and says so.
     fn follow(&mut self, learnt: &Learnt) {
         if let Some(region) = &mut self.region {
-            region.refresh(learnt);
+            region.refresh(&learnt.ranks);
         }
         if let (cells_gained, cells_lost, Some(nests)) = (learnt.nest_cells.0, learnt.nest_cells.1, learnt.nest_count) {
             self.events.push(Event::NestsChanged {

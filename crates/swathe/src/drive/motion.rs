@@ -174,7 +174,7 @@ impl Navigator {
             speed_mps = speed_mps.min(region.going_mps(&now.pose));
         }
         // Arrive, rather than run past.
-        let left_m = now.at().distance_m(now.aim);
+        let left_m = now.at().distance_m(now.aim).min(self.probing.left_m());
         speed_mps = speed_mps.min(shape.speed_for(left_m, 0.5 * shape.braking_mps2, 0.0) + 0.1);
         speed_mps = speed_mps.clamp(0.05_f64.min(shape.max_speed_mps), shape.max_speed_mps);
         let turn_radps = shape.turn_rate(wanted_turn, speed_mps);

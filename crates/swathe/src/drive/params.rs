@@ -78,6 +78,8 @@ pub struct DriveParams {
     pub probing: ProbePolicy,
     /// Seconds that it waits for one before it drives on.
     pub probe_wait_s: f64,
+    /// Metres from the front edge of the footprint forwards to the cone, on its boom; below 0 behind that edge.
+    pub probe_boom_m: f64,
 }
 
 impl Default for DriveParams {
@@ -106,6 +108,7 @@ impl Default for DriveParams {
             outside_nests: OutsideNests::Cost,
             probing: ProbePolicy::Never,
             probe_wait_s: 30.0,
+            probe_boom_m: 0.5,
         }
     }
 }
@@ -175,6 +178,7 @@ impl DriveParams {
             ("window in cells", self.window_cells as f64, 64.0, 2048.0),
             ("number of tiles", self.most_tiles as f64, 16.0, 1e6),
             ("wait for a reading in seconds", self.probe_wait_s, 0.0, 3600.0),
+            ("boom of the penetrometer in metres", self.probe_boom_m, -20.0, 20.0),
         ];
         for (name, given, least, most) in figures {
             if !(given >= least && given <= most) {

@@ -2,9 +2,10 @@
 
 use crate::belief::ProbePolicy;
 use crate::grid::Position;
+use crate::sensor::{Mount, Pose};
 
 use super::event::{Event, Reason, Status};
-use super::knowledge::{Outlook, ProbeSite};
+use super::knowledge::{Outlook, ProbeSite, from_nearest};
 use super::motion::Now;
 use super::navigator::Navigator;
 use super::region::RegionState;
@@ -22,8 +23,8 @@ const REST_RADPS: f64 = 0.05;
 /// What ground that does not carry costs at least where it is met unknown, in seconds (estimate: to free the vehicle).
 const STUCK_S: f64 = 3600.0;
 
-/// Distance from a site at which the robot is there, in metres.
-const THERE_M: f64 = 1.0;
+/// Distance from a site at which the cone is there, in metres.
+const THERE_M: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum State {
@@ -52,6 +53,8 @@ pub(super) struct Probing {
     last_at: Option<Position>,
     plan: Option<Plan>,
     saving_s: Option<f64>,
+    /// Metres to the place where the next reading is due, or to the next one that is not weighed yet.
+    left_m: Option<f64>,
 }
 
 impl Probing {
@@ -66,6 +69,11 @@ impl Probing {
     /// The ground is known otherwise: what readings are worth must be weighed anew.
     pub fn forget_plan(&mut self) {
         self.plan = None;
+    }
+
+    /// How far the robot may drive before it must stop for a reading, in metres.
+    pub fn left_m(&self) -> f64 {
+        self.left_m.unwrap_or(f64::INFINITY)
     }
 
     pub fn is_waiting(&self) -> bool {
@@ -89,18 +97,23 @@ impl Navigator {
     pub(super) fn probe(&mut self, now: &Now) -> Option<((f64, f64), Status, Reason)> {
         let at = now.at();
         self.probing.note_way(at);
+        self.probing.left_m = None;
         if self.recovery.is_some() || self.region.as_ref().is_none_or(|region| region.knowledge().is_none()) {
             self.probing.state = State::Driving;
             return None;
         }
-        if self.probing.state == State::Driving && self.is_probe_due(at) {
+        let cone = self.cone_at(&now.pose);
+        if self.probing.state == State::Driving && self.is_probe_due(cone) {
             self.probing.state = State::Stopping;
         }
         let stands = now.speed_mps.abs() <= REST_MPS && now.turn_rate_radps.abs() <= REST_RADPS;
         if self.probing.state == State::Stopping && stands {
             self.probing.state = State::Waiting { since_s: now.time_s };
             let expected_saving_s = self.probing.saving_s;
-            self.events.push(Event::ProbeWanted { at, expected_saving_s });
+            self.events.push(Event::ProbeWanted {
+                at: cone,
+                expected_saving_s,
+            });
         }
         match self.probing.state {
             State::Driving => None,
@@ -120,19 +133,30 @@ impl Navigator {
         }
     }
 
-    fn is_probe_due(&mut self, at: Position) -> bool {
+    /// Where the cone goes in, at the end of its boom.
+    fn cone_at(&self, pose: &Pose) -> Position {
+        let mount = Mount {
+            x_m: self.shape.half_length_m + self.params.probe_boom_m,
+            ..Mount::default()
+        };
+        let cone = pose.of_mount(&mount);
+        Position::new(cone.x_m, cone.y_m)
+    }
+
+    fn is_probe_due(&mut self, cone: Position) -> bool {
         match self.params.probing {
             ProbePolicy::Never => false,
             ProbePolicy::EveryMetres(metres) => {
                 self.probing.saving_s = None;
+                self.probing.left_m = Some((metres - self.probing.since_last_m).max(0.0));
                 self.probing.since_last_m >= metres
             }
-            ProbePolicy::WhereItMatters { probe_cost } => self.is_worth_a_reading(at, probe_cost),
+            ProbePolicy::WhereItMatters { probe_cost } => self.is_worth_a_reading(cone, probe_cost),
         }
     }
 
-    /// Weighs readings along the way ahead, as much in a step as is quick, and says when the robot is where the first one
-    /// pays.
+    /// Weighs readings along the way ahead of the cone, as much in a step as is quick, and says when it is where the first one
+    /// pays. The robot drives no faster than it can stop there, or where a reading is not weighed yet.
     fn is_worth_a_reading(&mut self, at: Position, probe_cost: f64) -> bool {
         let Some(knowledge) = self.region.as_mut().and_then(RegionState::knowledge_mut) else {
             return false;
@@ -141,10 +165,13 @@ impl Navigator {
         // Half of what was weighed lies behind by then.
         let is_old = |plan: &Plan| plan.chosen.is_none() && plan.made_at.distance_m(at) >= 0.5 * REACH_M;
         if self.probing.plan.as_ref().is_none_or(is_old) {
-            let sites = knowledge.probe_sites(at, spacing_m, REACH_M);
+            // What the robot is about to drive: the way on its memory, and from its end on the global one.
+            let mut way = from_nearest(self.window.as_ref().map_or(&[], |window| &window.way), at).to_vec();
+            way.extend(from_nearest(knowledge.route(), way.last().copied().unwrap_or(at)));
+            let sites = knowledge.probe_sites(at, &way, spacing_m, REACH_M);
             self.probing.plan = Some(Plan {
                 made_at: at,
-                outlooks: sites.into_iter().map(|site| knowledge.outlook(site)).collect(),
+                outlooks: sites.into_iter().map(|site| knowledge.outlook(site, &way)).collect(),
                 chosen: None,
             });
         }
@@ -162,6 +189,7 @@ impl Navigator {
             .find(|outlook| !outlook.is_done())
         {
             if work >= WORK_PER_STEP {
+                self.probing.left_m = Some(outlook.site.at.distance_m(at));
                 return false;
             }
             // An outcome that cannot be weighed costs next to nothing, but it must end.
@@ -183,9 +211,14 @@ impl Navigator {
         let away_m = site.at.distance_m(at);
         let is_leaving = away_m > *nearest_m + 0.2;
         *nearest_m = nearest_m.min(away_m);
-        // The next cell may be of another soil.
-        let is_there = away_m <= THERE_M && knowledge.geometry().cell_at(at) == Some(site.cell);
-        if is_there || (is_leaving && away_m <= 0.5 * spacing_m) {
+        // Across the next line of the map another soil may lie.
+        self.probing.left_m = Some((away_m - THERE_M).max(0.0));
+        let unit_here = knowledge
+            .geometry()
+            .cell_at(at)
+            .map(|cell| knowledge.belief().unit_at(cell));
+        let is_there = away_m <= THERE_M && unit_here == Some(knowledge.belief().unit_at(site.cell));
+        if is_there || (is_leaving && away_m <= spacing_m) {
             self.probing.saving_s = Some(*saving);
             return true;
         }

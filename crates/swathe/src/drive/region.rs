@@ -8,7 +8,7 @@ use crate::sensor::Pose;
 use crate::soil::{SoilClass, Trafficability};
 use crate::vehicle::Vehicle;
 
-use super::knowledge::{Knowledge, Learnt, Standing};
+use super::knowledge::{Knowledge, Standing};
 use super::params::{DriveError, DriveParams, OutsideNests};
 use super::route::Ground;
 
@@ -169,17 +169,34 @@ impl RegionState {
         self.trail.back().copied()
     }
 
-    /// How far back along the trail the ground is a nest again, and a little farther.
+    /// How far back along the trail the ground is a nest again, and a little farther; where it is none, to the first place that
+    /// is not closed with room to turn, or at least not closed.
     pub fn way_back_m(&self, at: Position) -> Option<f64> {
+        let is_open = |place: Position| self.rank(place).is_some_and(|rank| rank != 1);
+        let has_room = |place: Position| {
+            (0..8).all(|k| {
+                let (north, east) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
+                let away_m = 2.0 * self.radius_m;
+                is_open(Position::new(place.x_m + away_m * east, place.y_m + away_m * north))
+            })
+        };
         let (mut way_m, mut last) = (0.0, at);
+        let mut best: Option<(u8, f64)> = None;
         for &place in self.trail.iter().rev() {
             way_m += last.distance_m(place);
             last = place;
-            if self.in_nest(place) && self.rank(place).is_some_and(|rank| rank != 1) {
+            if !is_open(place) {
+                continue;
+            }
+            if self.in_nest(place) {
                 return Some(way_m + self.radius_m);
             }
+            let worth = if has_room(place) { 2 } else { 1 };
+            if best.is_none_or(|(known, _)| worth > known) {
+                best = Some((worth, way_m));
+            }
         }
-        None
+        best.map(|(_, way_m)| way_m + self.radius_m)
     }
 
     /// Rank at a place; `None` outside the map.
@@ -435,10 +452,10 @@ impl RegionState {
         })
     }
 
-    /// Lets the grids follow changed ranks.
-    pub fn refresh(&mut self, learnt: &Learnt) {
+    /// Lets the grids follow ranks that have changed: which, before and after.
+    pub fn refresh(&mut self, ranks: &[(Cell, u8, u8)]) {
         let mut window: Option<(Cell, Cell)> = None;
-        for &(cell, _, _) in &learnt.ranks {
+        for &(cell, _, _) in ranks {
             let (low, high) = window.get_or_insert((cell, cell));
             *low = Cell::new(low.row.min(cell.row), low.column.min(cell.column));
             *high = Cell::new(high.row.max(cell.row), high.column.max(cell.column));

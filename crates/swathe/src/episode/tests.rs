@@ -101,3 +101,32 @@ fn the_same_seed_gives_the_same_seconds_however_they_are_cut() {
     assert_eq!(drive(2, 1.0), drive(2, 4.0));
     assert_ne!(drive(2, 1.0), drive(3, 1.0));
 }
+
+#[test]
+fn what_a_cone_finds_is_remoulded_what_carries_the_vehicle() {
+    use crate::belief::{CLASSES, SoilTypes};
+    use crate::grid::{GridGeometry, Layer, Position};
+    use crate::sim::{Noise, Penetrometer, World};
+    use crate::soil::SoilClass;
+    let tool = Penetrometer {
+        push_variation: 0.0,
+        sample_variation: 0.0,
+        ..Penetrometer::default()
+    };
+    for (class, soil) in CLASSES.into_iter().zip(SoilTypes::default().0) {
+        let Some(rating_kpa) = class.rating_cone_index_kpa(40.0).filter(|_| class != SoilClass::None) else {
+            continue;
+        };
+        let geometry = GridGeometry::new(4, 4, 10.0, 0.0, 40.0).unwrap();
+        let world = World::new(Layer::filled(geometry, 0.0), Layer::filled(geometry, class as u8), 40.0).unwrap();
+        let (reading, _) = tool.probe(&world, Position::new(5.0, 5.0), Noise::new(0), 0);
+        // At 7.5 cm the profile has the class's mean.
+        let at = reading
+            .depths_m
+            .iter()
+            .position(|&depth_m| (depth_m - 0.075).abs() < 1e-9)
+            .unwrap();
+        let strength_kpa = reading.cone_indices_kpa[at] * soil.remoulding_index;
+        approx::assert_relative_eq!(strength_kpa, rating_kpa, max_relative = 1e-9);
+    }
+}

@@ -1,9 +1,10 @@
 //! A cone penetrometer pushed into the true soil.
 //!
-//! The cone index over depth is the class's rating cone index times 0.6 + 0.4 z / 7.5 cm, so that its mean over the upper 15 cm
-//! is the class's figure (a remoulding index of 1; the gradient is an estimate). Soil of unknown class counts as 700 kPa; where
-//! there is no ground (water, peat) the cone meets 5 kPa. On rock the cone stops within 3 cm; elsewhere where the force is more
-//! than the instrument's greatest cone index.
+//! What carries a vehicle is the rating cone index, what a cone meets is more: traffic leaves only a share of the strength, the
+//! remoulding index. The cone index over depth is the class's rating cone index over that share, times 0.6 + 0.4 z / 7.5 cm, so
+//! that its mean over the upper 15 cm is the class's figure (the gradient is an estimate). Soil of unknown class counts as 700
+//! kPa; where there is no ground (water, peat) the cone meets 5 kPa. On rock the cone stops within 3 cm; elsewhere where the
+//! force is more than the instrument's greatest cone index.
 
 use crate::grid::Position;
 use crate::sensor::PenetrometerReading;
@@ -29,10 +30,13 @@ pub struct Penetrometer {
     pub sample_variation: f64,
     /// Greatest cone index that the instrument presses, in kPa.
     pub refusal_kpa: f64,
+    /// Metres from the front edge of the vehicle forwards to the cone, on its boom; below 0 behind that edge.
+    pub boom_m: f64,
 }
 
 impl Default for Penetrometer {
-    /// 30 cm at 30 mm/s, a sample each 2.5 cm; variations are estimates, because published spreads differ widely.
+    /// 30 cm at 30 mm/s, a sample each 2.5 cm, half a metre before the front edge; variations are estimates, because published
+    /// spreads differ widely.
     fn default() -> Self {
         Self {
             depth_m: 0.3,
@@ -42,6 +46,7 @@ impl Default for Penetrometer {
             push_variation: 0.15,
             sample_variation: 0.1,
             refusal_kpa: 5000.0,
+            boom_m: 0.5,
         }
     }
 }
@@ -51,6 +56,9 @@ const UNKNOWN_KPA: f64 = 700.0;
 
 /// Cone index in kPa where there is no ground.
 const NO_GROUND_KPA: f64 = 5.0;
+
+/// Longest boom in metres.
+const BOOM_MAX_M: f64 = 20.0;
 
 /// Depth in metres over which the profile has the class's mean.
 const CRITICAL_DEPTH_M: f64 = 0.15;
@@ -95,6 +103,12 @@ impl Penetrometer {
                 "0 to 2 is allowed",
             )?;
         }
+        require(
+            "boom of the penetrometer",
+            self.boom_m,
+            self.boom_m.abs() <= BOOM_MAX_M,
+            "at most 20 m either way is allowed",
+        )?;
         let fits = self.refusal_kpa > 0.0 && self.refusal_kpa <= crate::sensor::CONE_INDEX_MAX_KPA;
         require(
             "greatest cone index",
@@ -111,7 +125,7 @@ impl Penetrometer {
             SoilClass::None => NO_GROUND_KPA,
             class => class
                 .rating_cone_index_kpa(world.moisture_percent())
-                .unwrap_or(UNKNOWN_KPA),
+                .map_or(UNKNOWN_KPA, |rating_kpa| rating_kpa / remoulding_index(class)),
         };
         let [push, chance] = noise.normals(Stream::Probe, count, 0);
         let rock_m = (soil == SoilClass::Rock).then(|| (0.01 + 0.01 * chance.abs()).min(0.03));
@@ -143,6 +157,16 @@ impl Penetrometer {
             reading.cone_indices_kpa.push(cone_index_kpa);
         }
         (reading, self.set_up_s + reached_m / self.speed_mps)
+    }
+}
+
+/// What traffic leaves of the strength of a class, as a share (estimates: the fine-grained ones lose the most; clean sand loses
+/// nothing by US Army practice).
+fn remoulding_index(class: SoilClass) -> f64 {
+    match class {
+        SoilClass::Clay => 0.8,
+        SoilClass::Silt => 0.7,
+        _ => 1.0,
     }
 }
 
@@ -180,8 +204,48 @@ mod tests {
             let mean = all.iter().sum::<f64>() / all.len() as f64;
             // Six samples at 2.5 .. 15 cm: the mean depth is 8.75 cm.
             let expected = soil.rating_cone_index_kpa(25.0).unwrap() * (0.6 + 0.8 * 0.0875 / 0.15);
-            assert!((mean / expected - 1.0).abs() < 0.02, "{soil:?}: {mean} {expected}");
+            let carries = mean * remoulding_index(soil);
+            assert!(
+                (carries / expected - 1.0).abs() < 0.02,
+                "{soil:?}: {carries} {expected}"
+            );
         }
+    }
+
+    #[test]
+    fn the_cone_meets_the_soil_before_the_vehicle_and_says_where() {
+        use crate::sensor::Pose;
+        use crate::sim::{Motion, Robot, RobotParams};
+        let vehicle = crate::vehicle::fixtures::tractor();
+        let geometry = GridGeometry::new(40, 40, 1.0, 0.0, 40.0).unwrap();
+        // Water to the east of 20 m.
+        let soil = |cell: crate::grid::Cell| if cell.column < 20 { SoilClass::Sand } else { SoilClass::None } as u8;
+        let codes = Layer::new(geometry, geometry.cells().map(soil).collect(), "soil").unwrap();
+        let world = World::new(Layer::filled(geometry, 0.0), codes, 25.0).unwrap();
+        let finds = |x_m: f64, boom_m: f64| {
+            let params = RobotParams {
+                penetrometer: Penetrometer {
+                    boom_m,
+                    ..Penetrometer::default()
+                },
+                ..RobotParams::default()
+            };
+            let motion = Motion {
+                steering: crate::sim::Steering::Ackermann,
+                max_acceleration_mps2: 1.0,
+                max_braking_mps2: 3.0,
+                max_turn_rate_radps: 0.6,
+            };
+            let at = Pose::level(x_m, 20.5, 0.0);
+            let (reading, _) = Robot::new(&world, vehicle.clone(), motion, at, params)
+                .unwrap()
+                .push(&world);
+            (reading.x_m, reading.cone_indices_kpa[0] < 50.0)
+        };
+        let half_m = 0.5 * vehicle.length_m;
+        assert_eq!(finds(16.0, 0.5), (16.0 + half_m + 0.5, false));
+        assert_eq!(finds(18.0, 0.5), (18.0 + half_m + 0.5, true));
+        assert_eq!(finds(18.0, -half_m), (18.0, false));
     }
 
     #[test]

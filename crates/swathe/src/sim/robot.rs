@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use crate::grid::Position;
-use crate::sensor::{PenetrometerReading, Pose, Scan};
+use crate::sensor::{Mount, PenetrometerReading, Pose, Scan};
 use crate::vehicle::Vehicle;
 
 use super::{
@@ -211,7 +211,7 @@ impl Robot {
         (0u32..).zip(&self.params.sonar).map(cone).collect()
     }
 
-    /// Stops, pushes the penetrometer into the soil under the robot, and gives the reading when it is done. Its place is the one
+    /// Stops, pushes the penetrometer into the soil before the robot, and gives the reading when it is done. Its place is the one
     /// that the robot thinks it is at.
     pub fn probe(&mut self, world: &World) -> PenetrometerReading {
         // A vehicle that slides does not probe for ever.
@@ -227,16 +227,21 @@ impl Robot {
         reading
     }
 
-    /// A reading of the soil under the robot as it stands, and the seconds that the push takes; time does not pass here. Its
-    /// place is the one that the robot thinks it is at.
+    /// A reading of the soil at the cone's place, at the end of its boom, and the seconds that the push takes; time does not pass
+    /// here. Its place is the one that follows from where the robot thinks it is.
     pub fn push(&mut self, world: &World) -> (PenetrometerReading, f64) {
         let pose = self.localiser.update(self.body.state());
         let at = self.body.state().pose;
         let push = self.pushes;
         self.pushes += 1;
-        let place = Position::new(at.x_m, at.y_m);
-        let (mut reading, seconds) = self.params.penetrometer.probe(world, place, self.noise, push);
-        (reading.x_m, reading.y_m) = (pose.x_m, pose.y_m);
+        let mount = Mount {
+            x_m: 0.5 * self.body.vehicle().length_m + self.params.penetrometer.boom_m,
+            ..Mount::default()
+        };
+        let [place, thought] = [at, pose].map(|pose| pose.of_mount(&mount));
+        let cone = Position::new(place.x_m, place.y_m);
+        let (mut reading, seconds) = self.params.penetrometer.probe(world, cone, self.noise, push);
+        (reading.x_m, reading.y_m) = (thought.x_m, thought.y_m);
         (reading, seconds)
     }
 }

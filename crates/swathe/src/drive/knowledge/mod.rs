@@ -12,7 +12,7 @@ mod way;
 
 use rayon::prelude::*;
 
-use crate::belief::{Going, Observation, PerClass, SoilBelief, SoilUpdate};
+use crate::belief::{AGAINST_MAP, Going, Observation, PerClass, SoilBelief, SoilUpdate};
 use crate::grid::{Cell, GridGeometry, Layer, Position};
 use crate::nest::{NestParams, Nests};
 use crate::planner::Headings;
@@ -26,6 +26,7 @@ use super::params::DriveError;
 use nests::NestCells;
 use way::{GlobalWay, Known};
 
+pub(super) use outlook::from_nearest;
 pub use outlook::{Outlook, ProbeSite};
 pub use way::Standing;
 
@@ -104,7 +105,14 @@ pub struct Knowledge {
     headings: Option<Headings>,
     way: GlobalWay,
     outside: bool,
+    /// By how much readings must have raised the odds against the map to close what it leaves open.
+    against: f64,
+    /// Cells that have another rank since the way was last laid, because more was asked of readings.
+    doubted: Vec<(Cell, u8, u8)>,
 }
+
+/// Factors of [`AGAINST_MAP`] that are tried in turn where what readings closed cuts the robot off: the least doubtful opens first.
+const DOUBTS: [f64; 3] = [2.0, 4.0, 1e9];
 
 /// What changed codes have changed.
 #[derive(Default)]
@@ -112,10 +120,42 @@ struct Applied {
     /// The codes as they were.
     codes: Vec<(usize, u8)>,
     ranks: Vec<(Cell, u8, u8)>,
-    gained: usize,
-    lost: usize,
+    /// Cells that came into a nest or left one.
+    toggled: Vec<Cell>,
     /// Cells whose steps may cost something else.
     touched: Vec<Cell>,
+}
+
+impl Applied {
+    /// Cells with another rank than at first, in one row each.
+    fn ranks_between(&mut self) -> Vec<(Cell, u8, u8)> {
+        let mut ranks = std::mem::take(&mut self.ranks);
+        // Stable: changes of a cell stay in their order.
+        ranks.sort_by_key(|change| change.0);
+        let mut found: Vec<(Cell, u8, u8)> = Vec::with_capacity(ranks.len());
+        for (cell, before, after) in ranks {
+            match found.last_mut() {
+                Some(last) if last.0 == cell => last.2 = after,
+                _ => found.push((cell, before, after)),
+            }
+        }
+        found.retain(|change| change.1 != change.2);
+        found
+    }
+
+    /// How many cells came into a nest in the end, and how many left one.
+    fn nest_cells(&mut self, nests: &NestCells) -> (usize, usize) {
+        self.toggled.sort_unstable();
+        let mut counts = (0, 0);
+        for same in self.toggled.chunk_by(|a, b| a == b).filter(|same| same.len() % 2 == 1) {
+            if nests.holds(same[0]) {
+                counts.0 += 1;
+            } else {
+                counts.1 += 1;
+            }
+        }
+        counts
+    }
 }
 
 impl Knowledge {
@@ -145,7 +185,7 @@ impl Knowledge {
             .enumerate()
             .for_each(|(row, codes)| {
                 for (column, code) in codes.iter_mut().enumerate() {
-                    *code = judged(&map, &belief, &going, Cell::new(row, column));
+                    *code = judged(&map, &belief, &going, AGAINST_MAP, Cell::new(row, column));
                 }
             });
         let ranks = ranker(&map, &codes)?.rank_all();
@@ -174,6 +214,8 @@ impl Knowledge {
             headings: None,
             way: GlobalWay::default(),
             outside: true,
+            against: AGAINST_MAP,
+            doubted: Vec::new(),
             map,
         };
         let headings = knowledge.known().first_ground().into_headings();
@@ -296,7 +338,60 @@ impl Knowledge {
     /// Finds the global way from a place to a goal.
     pub fn lay(&mut self, at: Position, goal: Position) -> RouteChange {
         self.way.aim(at, goal);
-        self.find(&[])
+        let found = self.find(&[]);
+        let mut applied = Applied::default();
+        let change = self.doubt(at, found, &mut applied);
+        self.doubted = applied.ranks_between();
+        change
+    }
+
+    /// Cells whose rank [`Self::lay`] has changed, with the rank before and after: what readings closed on too little evidence to
+    /// cut the robot off.
+    pub fn doubted(&self) -> &[(Cell, u8, u8)] {
+        &self.doubted
+    }
+
+    /// Where readings alone cut the robot off from its goal, asks more of them, a step at a time, until a way is open: better
+    /// the least doubtful ground than none. Nothing changes where no way opens even so, or where the robot itself stands on
+    /// ground that is closed: that it must leave first.
+    fn doubt(&mut self, at: Position, found: RouteChange, changed: &mut Applied) -> RouteChange {
+        let is_closed = |cell| self.ranks[cell] == 1;
+        if found.cost_after.is_some()
+            || self.way.standing == Standing::Unasked
+            || self.belief.reading_count() == 0
+            || self.geometry().cell_at(at).is_none_or(is_closed)
+        {
+            return found;
+        }
+        let all: Vec<u32> = (0..self.geometry().cell_count() as u32).collect();
+        let mut with = |knowledge: &mut Self, factor: f64| {
+            knowledge.against = factor * AGAINST_MAP;
+            let recoded = knowledge.recoded(&knowledge.belief, &all);
+            let applied = knowledge.apply(&recoded);
+            let found = knowledge.find(&applied.touched);
+            changed.ranks.extend(applied.ranks);
+            changed.toggled.extend(applied.toggled);
+            found
+        };
+        // Whether it helps at all first, by the greatest of them.
+        let [first, second, most] = DOUBTS;
+        let mut last = with(self, most);
+        if last.cost_after.is_none() {
+            last = with(self, 1.0);
+        } else {
+            for factor in [first, second, most] {
+                last = with(self, factor);
+                if last.cost_after.is_some() {
+                    break;
+                }
+            }
+        }
+        RouteChange {
+            cost_before: found.cost_before,
+            standing_before: found.standing_before,
+            is_other: true,
+            ..last
+        }
     }
 
     /// Takes in a push of the penetrometer by a robot that is at `at`; all that follows from it follows at once.
@@ -329,18 +424,28 @@ impl Knowledge {
 
     /// Brings everything in line with the belief in some cells.
     fn follow(&mut self, cells: &[u32], at: Position, told: (PerClass, SoilClass, Option<f64>)) -> Learnt {
+        let all: Vec<u32>;
+        let mut cells = cells;
+        if self.against.total_cmp(&AGAINST_MAP).is_ne() {
+            // The doubts of the last time are weighed anew.
+            self.against = AGAINST_MAP;
+            all = (0..self.geometry().cell_count() as u32).collect();
+            cells = &all;
+        }
         let recoded = self.recoded(&self.belief, cells);
-        let applied = self.apply(&recoded);
+        let mut applied = self.apply(&recoded);
         self.way.move_to(at);
-        let route = self.find(&applied.touched);
-        let moved = applied.gained + applied.lost > 0;
+        let found = self.find(&applied.touched);
+        let route = self.doubt(at, found, &mut applied);
+        let (gained, lost) = applied.nest_cells(&self.nests);
+        let moved = gained + lost > 0;
         let (probabilities, class, cone_index_kpa) = told;
         Learnt {
             probabilities,
             class,
             cone_index_kpa,
-            ranks: applied.ranks,
-            nest_cells: (applied.gained, applied.lost),
+            ranks: applied.ranks_between(),
+            nest_cells: (gained, lost),
             nest_count: if moved {
                 self.nests().ok().map(|nests| nests.count())
             } else {
@@ -356,7 +461,7 @@ impl Knowledge {
         let count = geometry.cell_count();
         let differs = |&index: &u32| {
             let index = index as usize;
-            let code = judged(&self.map, belief, &self.going, geometry.cell(index));
+            let code = judged(&self.map, belief, &self.going, self.against, geometry.cell(index));
             (code != self.codes.data()[index]).then_some((index, code))
         };
         let inside = cells.par_iter().filter(|&&index| (index as usize) < count);
@@ -384,8 +489,7 @@ impl Knowledge {
             }
         }
         let toggled = self.nests.update(done.ranks.iter().map(|change| change.0), &self.ranks);
-        done.gained = toggled.iter().filter(|&&cell| self.nests.holds(cell)).count();
-        done.lost = toggled.len() - done.gained;
+        done.toggled.clone_from(&toggled);
         done.touched = recoded
             .iter()
             .map(|&(index, _)| geometry.cell(index))
@@ -433,10 +537,10 @@ fn ranker<'a>(map: &'a KnownMap, codes: &'a Layer<u8>) -> Result<Ranker<'a>, cra
 }
 
 /// The soil code that a cell is ranked by.
-fn judged(map: &KnownMap, belief: &SoilBelief, going: &Going, cell: Cell) -> u8 {
+fn judged(map: &KnownMap, belief: &SoilBelief, going: &Going, against: f64, cell: Cell) -> u8 {
     let code = map.soil.as_ref().map_or(0, |soil| soil[cell]);
     let mapped = SoilClass::from_code(code).unwrap_or(SoilClass::Unknown);
-    belief.decide_beside(cell, mapped, going).code as u8
+    belief.decide_against(cell, mapped, going, against).code as u8
 }
 
 /// The direction of sixteen nearest to a heading.

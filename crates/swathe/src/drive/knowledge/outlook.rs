@@ -13,10 +13,13 @@ use super::way::cost_along;
 const STRENGTHS: [f64; 3] = [-1.2247, 0.0, 1.2247];
 
 /// Outcomes less likely than this count for nothing.
-const LEAST_CHANCE: f64 = 1e-3;
+const LEAST_CHANCE: f64 = 1e-5;
 
 /// What an outcome must promise before the best way after it is searched, in seconds.
 const LEAST_SAVING_S: f64 = 1.0;
+
+/// How far behind the border of a polygon its first site lies, in metres.
+const BEYOND_M: f64 = 0.5;
 
 /// Depths of the samples of a profile that is foreseen, in metres.
 const DEPTHS_M: [f64; 3] = [0.05, 0.10, 0.15];
@@ -39,8 +42,10 @@ pub struct Outlook {
     pub saving: f64,
     next: usize,
     chances: PerClass,
-    /// Cells of the way, as indices, that a reading here speaks for.
+    /// Cells of the ways, as indices, that a reading here speaks for.
     near: Vec<u32>,
+    /// Those of them that the robot is about to drive on.
+    ahead: Vec<Cell>,
     /// What outcomes that were weighed make of those cells, and what they save.
     known: Vec<(Vec<(usize, u8)>, f64)>,
 }
@@ -52,31 +57,46 @@ impl Outlook {
     }
 }
 
+/// The rest of a way from its place nearest to another on.
+pub(in crate::drive) fn from_nearest(way: &[Position], at: Position) -> &[Position] {
+    let nearest = (0..way.len()).min_by(|&a, &b| way[a].distance_m(at).total_cmp(&way[b].distance_m(at)));
+    nearest.map_or(&[], |nearest| &way[nearest..])
+}
+
 impl Knowledge {
-    /// Sites along the way from a place on: every `spacing_m` metres up to `reach_m`, none within three quarters of that of a reading.
-    pub fn probe_sites(&self, at: Position, spacing_m: f64, reach_m: f64) -> Vec<ProbeSite> {
+    /// Sites from a place on along a way: behind the borders of polygons, and every `spacing_m` metres, up to `reach_m`; none within
+    /// three quarters of the spacing of a reading in the same polygon.
+    pub fn probe_sites(&self, at: Position, way: &[Position], spacing_m: f64, reach_m: f64) -> Vec<ProbeSite> {
         let geometry = self.geometry();
-        let places = self.route();
-        let nearest = (0..places.len()).min_by(|&a, &b| places[a].distance_m(at).total_cmp(&places[b].distance_m(at)));
-        let rest = nearest.map_or(&[][..], |nearest| &places[nearest..]);
+        let unit = |place| geometry.cell_at(place).map(|cell| self.belief.unit_at(cell));
+        let step_m = 0.5 * geometry.cell_size_m().min(2.0 * BEYOND_M);
         let mut sites: Vec<ProbeSite> = Vec::new();
         let (mut along_m, mut due_m) = (0.0, 0.0);
-        let mut before = at;
-        for &place in rest {
+        let (mut before, mut last_unit) = (at, unit(at));
+        for &place in from_nearest(way, at) {
             let piece_m = before.distance_m(place);
-            while due_m <= along_m + piece_m && due_m <= reach_m {
-                let share = if piece_m > 0.0 {
-                    (due_m - along_m) / piece_m
-                } else {
-                    1.0
-                };
-                let site = before.towards(place, share);
-                due_m += spacing_m;
-                let is_near = |known: Position| known.distance_m(site) < 0.75 * spacing_m;
-                if let Some(cell) = geometry.cell_at(site)
+            let steps = (piece_m / step_m).ceil().max(1.0);
+            for step in 1..=steps as usize {
+                if due_m > reach_m {
+                    return sites;
+                }
+                let here_m = along_m + piece_m * step as f64 / steps;
+                let here = before.towards(place, step as f64 / steps);
+                let unit_here = unit(here);
+                if unit_here != last_unit {
+                    // Another polygon: nothing that was read before speaks for it.
+                    last_unit = unit_here;
+                    due_m = due_m.min(here_m + BEYOND_M);
+                }
+                if here_m < due_m {
+                    continue;
+                }
+                due_m = here_m + spacing_m;
+                let is_near = |known: Position| known.distance_m(here) < 0.75 * spacing_m && unit(known) == unit_here;
+                if let Some(cell) = geometry.cell_at(here)
                     && !self.belief.readings().any(|(_, known, _)| is_near(known))
                 {
-                    sites.push(ProbeSite { cell, at: site });
+                    sites.push(ProbeSite { cell, at: here });
                 }
             }
             along_m += piece_m;
@@ -85,18 +105,26 @@ impl Knowledge {
         sites
     }
 
-    /// Begins to weigh a reading at a site.
-    pub fn outlook(&self, site: ProbeSite) -> Outlook {
+    /// Begins to weigh a reading at a site on a way that the robot is about to drive, beside the global way.
+    pub fn outlook(&self, site: ProbeSite, way: &[Position]) -> Outlook {
         let geometry = self.geometry();
         let reach_m = self.belief.reach_m();
-        let near = self.way.cells.iter();
-        let near = near.filter(|&&cell| geometry.centre(cell).distance_m(site.at) <= reach_m);
+        let is_near = |cell: &Cell| geometry.centre(*cell).distance_m(site.at) <= reach_m;
+        let mut ahead: Vec<Cell> = way.iter().filter_map(|&place| geometry.cell_at(place)).collect();
+        ahead.retain(is_near);
+        ahead.sort_unstable();
+        ahead.dedup();
+        let mut near: Vec<Cell> = self.way.cells.iter().copied().filter(is_near).collect();
+        near.extend(&ahead);
+        near.sort_unstable();
+        near.dedup();
         Outlook {
             site,
             saving: 0.0,
             next: 0,
             chances: self.belief.class_probabilities(site.cell),
-            near: near.map(|&cell| geometry.index(cell) as u32).collect(),
+            near: near.into_iter().map(|cell| geometry.index(cell) as u32).collect(),
+            ahead,
             known: Vec::new(),
         }
     }
@@ -141,6 +169,7 @@ impl Knowledge {
         let way = std::mem::take(&mut self.way.cells);
         let (kept, open) = self.with_ground(|ground| cost_along(ground, &way));
         self.way.cells = way;
+        let open = open && outlook.ahead.iter().all(|&cell| self.ranks[cell] != 1);
         self.apply(&done.codes);
         work += 2 * done.touched.len() as u64;
         let before = self.way.cost.unwrap_or(kept);

@@ -273,8 +273,8 @@ proptest! {
             tell(&mut knowledge, news, at);
         }
         let (before, route) = (shown(&knowledge), knowledge.route().to_vec());
-        for site in knowledge.probe_sites(at, 40.0, 120.0) {
-            let mut outlook = knowledge.outlook(site);
+        for site in knowledge.probe_sites(at, &route, 40.0, 120.0) {
+            let mut outlook = knowledge.outlook(site, &route);
             while !outlook.is_done() {
                 knowledge.weigh(&mut outlook, 100.0);
             }
@@ -323,6 +323,54 @@ fn soft_ground_that_is_measured_closes_its_polygon_and_turns_the_route() {
     assert_eq!(knowledge.standing(), Standing::InNests);
     assert!(knowledge.route_cost().unwrap() > straight + 1.0);
     assert!(knowledge.route().iter().any(|place| place.y_m > 80.0));
+}
+
+#[test]
+fn a_robot_that_readings_alone_cut_off_goes_over_the_least_doubtful_ground() {
+    // One way across; a soft reading at its near end closes all of it, though its far end was never looked at.
+    let rows = [
+        "gggnnnnnnggg",
+        "gggssssssggg",
+        "gggssssssggg",
+        "gggssssssggg",
+        "gggnnnnnnggg",
+    ];
+    let mut knowledge = drawn(&rows);
+    let [at, goal] = ends(knowledge.geometry(), [(2, 1), (2, 10)]);
+    assert_eq!(knowledge.lay(at, goal).standing, Standing::InNests);
+    knowledge.learn(&reading(55.0, 41.0, 60.0), at).unwrap();
+    let no_go = |knowledge: &Knowledge, cell| {
+        let (_, chance) = knowledge.soil_at(knowledge.geometry().centre(cell)).unwrap();
+        chance
+    };
+    assert_eq!(knowledge.ranks()[Cell::new(0, 5)], 1);
+    assert!(knowledge.route_cost().is_some(), "{:?}", knowledge.standing());
+    for &cell in knowledge.route_cells() {
+        assert!(no_go(&knowledge, cell) < 0.5, "{cell:?}");
+    }
+    // A reading that says better brings the usual caution back.
+    knowledge.learn(&reading(55.0, 15.0, 2500.0), at).unwrap();
+    let mut fresh = Knowledge::new(knowledge.map().clone(), knowledge.belief().clone()).unwrap();
+    fresh.lay(at, goal);
+    assert_eq!(shown(&knowledge), shown(&fresh));
+    // What is told of all of it holds.
+    let sand = Extent::Unit(SoilClass::Sand as u32);
+    knowledge
+        .learn_soil(&update(1.0, sand, Word::Class(SoilClass::None)), at)
+        .unwrap();
+    assert_eq!(knowledge.standing(), Standing::CutOff);
+}
+
+#[test]
+fn the_first_ground_of_another_polygon_is_a_site() {
+    let (knowledge, at, _) = fork();
+    let way = knowledge.route().to_vec();
+    let sites = knowledge.probe_sites(at, &way, 30.0, 120.0);
+    // Sand begins at 40 m.
+    assert!(
+        sites.iter().any(|site| (40.0..41.5).contains(&site.at.x_m)),
+        "{sites:?}"
+    );
 }
 
 #[test]
@@ -399,7 +447,7 @@ fn a_reading_is_worth_most_where_the_way_depends_on_it() {
     let worth = |knowledge: &mut Knowledge, row: usize, column: usize| {
         let cell = Cell::new(row, column);
         let at = knowledge.geometry().centre(cell);
-        let mut outlook = knowledge.outlook(ProbeSite { cell, at });
+        let mut outlook = knowledge.outlook(ProbeSite { cell, at }, &[]);
         while !outlook.is_done() {
             knowledge.weigh(&mut outlook, 100.0);
         }

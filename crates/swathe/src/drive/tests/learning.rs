@@ -115,10 +115,19 @@ impl<'a> Drive<'a> {
         Position::new(self.pose.x_m, self.pose.y_m)
     }
 
+    /// Where the penetrometer goes in: on a boom half a metre long before the front edge.
+    fn cone(&self) -> Position {
+        let cone = self.pose.of_mount(&Mount {
+            x_m: 0.5 * jackal().length_m + 0.5,
+            ..Mount::default()
+        });
+        Position::new(cone.x_m, cone.y_m)
+    }
+
     fn step(&mut self, hand: Option<&PenetrometerReading>) -> Command {
         let scan = self.world.scan(&self.pose, Mount::default(), 181, 4.7, 8.0);
         let probed = (self.navigator.wants_probe() && hand.is_none())
-            .then(|| self.truth.map(|truth| reading(self.at(), truth(self.at()))))
+            .then(|| self.truth.map(|truth| reading(self.cone(), truth(self.cone()))))
             .flatten();
         let command = self.navigator.step(&Observation {
             time_s: self.time_s,
