@@ -28,8 +28,8 @@ const CREEP_M: f64 = 0.001;
 /// Distance kept from single returns, which are noisy.
 const UNSURE_M: f64 = 0.01;
 
-/// Side of the steps in which a way is tried, in cells.
-const STEP_CELLS: f64 = 1.0;
+/// Steps in which a way is tried, in metres, or a cell where that is less.
+const STEP_M: f64 = 0.12;
 
 /// Seen cells among the eight around one that make it a seen one.
 const LEAST_SEEN: usize = 5;
@@ -210,7 +210,7 @@ impl Surroundings {
         reach_m: f64,
         seen: impl Fn(f64, f64) -> bool,
     ) -> f64 {
-        let step_m = self.cell_size_m * STEP_CELLS;
+        let step_m = self.cell_size_m.min(STEP_M);
         let side = if forward { 1.0 } else { -1.0 };
         let steps = (reach_m / step_m).ceil() as usize;
         // Only obstacles that the footprint's circle can reach on this way.

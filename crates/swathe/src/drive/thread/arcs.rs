@@ -20,6 +20,12 @@ const CUSP_RADII: f64 = 1.0;
 const HEADINGS: f64 = 64.0;
 const WIDER: f64 = 1.05;
 
+/// Room that a vehicle keeps beside it and behind when it backs, where it has it.
+const SPARE_M: f64 = 0.25;
+
+/// Longest way between two poses that are looked at, in metres.
+const PIECE_M: f64 = 0.12;
+
 /// A state: its cell, and a sixty-fourth of the turn.
 type Key = (i64, i64, u16);
 
@@ -56,6 +62,20 @@ impl Ord for Open {
     fn cmp(&self, other: &Self) -> Ordering {
         other.bound_m.total_cmp(&self.bound_m).then(other.node.cmp(&self.node))
     }
+}
+
+/// Whether a vehicle that backs has room to spare at a pose, beside it and behind.
+fn has_room(field: &Field, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
+    let (sin, cos) = heading_rad.sin_cos();
+    [(-SPARE_M, 0.0), (0.0, SPARE_M), (0.0, -SPARE_M)]
+        .into_iter()
+        .all(|(ahead, left)| {
+            field.is_free((
+                x_m + cos * ahead - sin * left,
+                y_m + sin * ahead + cos * left,
+                heading_rad,
+            ))
+        })
 }
 
 /// Such a search.
@@ -152,7 +172,7 @@ impl Arcs {
         let tightest = 1.0 / (WIDER * self.turn_radius_m);
         // So long that an arc leads into another heading.
         let length_m = (1.5 * field.size_m).max(1.1 * TAU / HEADINGS / tightest);
-        let steps = (length_m / field.size_m).ceil().max(2.0) as usize;
+        let steps = (length_m / field.size_m.min(PIECE_M)).ceil().max(2.0) as usize;
         for side in [1.0, -1.0] {
             let backs = side < 0.0;
             for curvature_per_m in [0.0, tightest, -tightest, 0.5 * tightest, -0.5 * tightest] {
@@ -163,7 +183,9 @@ impl Arcs {
                     continue;
                 }
                 let to = poses[steps - 1];
-                if backs && !field.sees_behind(to) {
+                // Corners that were seen from one side only reach farther than what was met of them.
+                let is_tight = || has_room(field, now.at) && !has_room(field, to);
+                if backs && (!field.sees_behind(to) || is_tight()) {
                     continue;
                 }
                 let leg = Leg::Run {
