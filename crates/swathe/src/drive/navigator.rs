@@ -131,7 +131,7 @@ impl Navigator {
         }
         let shape = Shape::of(vehicle, &params);
         let needed_m = shape.stopping_m(shape.max_speed_mps) + shape.radius_m + 1.0;
-        let cell_size_m = (needed_m / 60.0).max(shape.radius_m / 8.0).max(0.1);
+        let cell_size_m = (needed_m / 90.0).max(shape.radius_m / 14.0).max(0.1);
         let half = (needed_m / cell_size_m).ceil() as usize;
         let grid = CertaintyParams {
             cell_size_m,

@@ -19,7 +19,7 @@ const NEAR_M: f64 = 0.15;
 
 /// Cells that a search looks at beyond robot and goal, and at most along a side.
 pub(super) const AROUND_CELLS: i64 = 128;
-pub(super) const MOST_CELLS: i64 = 640;
+pub(super) const MOST_CELLS: i64 = 900;
 
 /// Tenths of a cell from one cell to the next, straight and across, and how much longer ground is that was never seen.
 const STRAIGHT: u32 = 10;
