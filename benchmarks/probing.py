@@ -4,7 +4,7 @@
     python benchmarks/probing.py trials/trials.csv --command "swathe trials ..." [--name wrong-soil]
     python benchmarks/probing.py --picture 2001 docs/images/probing.png
 
-Files the rows as ``runs/NAME.csv`` beside ``runs/NAME.json``, which says where they come from.
+Files the rows as ``runs/probing/NAME.csv`` beside ``NAME.json``, which says where they come from.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ def main() -> None:
     print("\n".join(table(arms)))
     print(json.dumps(pairs, indent=1))
     if given.command:
-        shutil.copyfile(given.rows, HERE / "runs" / f"{given.name}.csv")
+        shutil.copyfile(given.rows, HERE / "runs" / "probing" / f"{given.name}.csv")
         origin = surroundings([])
         del origin["command"]
         told = {
@@ -221,7 +221,9 @@ def main() -> None:
             **origin,
             "pairs": pairs,
         }
-        (HERE / "runs" / f"{given.name}.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (HERE / "runs" / "probing" / f"{given.name}.json").write_text(
+            json.dumps(told, indent=1) + "\n", encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":
