@@ -8,7 +8,7 @@ use super::motion::{Now, ROLLS_MPS, TURN_LOOK_RAD};
 use super::navigator::Navigator;
 use super::params::REST_MPS;
 use super::safety::Sight;
-use super::thread::{Leg, Search, Threading, on_run};
+use super::thread::{Effort, Leg, Search, Threading, on_run};
 
 /// Distance kept from obstacles on such a way at rest, in metres.
 pub(super) const THREAD_MARGIN_M: f64 = 0.03;
@@ -50,7 +50,7 @@ pub(super) struct Thread {
     search: Option<Box<Search>>,
     legs: Vec<Leg>,
     leg: usize,
-    tight: bool,
+    effort: Effort,
     blocked_since_s: Option<f64>,
     searches: u32,
     /// Where the last search began.
@@ -156,7 +156,7 @@ impl Navigator {
                 &self.shape,
                 &now.pose,
                 (now.aim, near_goal_m),
-                self.thread.tight,
+                self.thread.effort,
             )));
             return Threaded::On((0.0, 0.0));
         }
@@ -177,9 +177,12 @@ impl Navigator {
                     Threaded::On((0.0, 0.0))
                 }
             }
-            Threading::Nothing { .. } if !self.thread.tight => {
+            Threading::Nothing { .. } if self.thread.effort != Effort::Tight => {
                 self.thread.search = None;
-                self.thread.tight = true;
+                self.thread.effort = match self.thread.effort {
+                    Effort::Usual => Effort::Wide,
+                    Effort::Wide | Effort::Tight => Effort::Tight,
+                };
                 Threaded::On((0.0, 0.0))
             }
             Threading::Nothing { goal_closed } => {

@@ -8,7 +8,7 @@ use crate::drive::DriveParams;
 use crate::drive::memory::{Memory, Seen};
 use crate::drive::params::Shape;
 use crate::drive::safety::Surroundings;
-use crate::drive::thread::{Leg, Met, Search, Threading, after};
+use crate::drive::thread::{Effort, Leg, Met, Search, Threading, after};
 use crate::drive::watch::Watch;
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
@@ -45,7 +45,7 @@ enum Told {
     None { goal_closed: bool },
 }
 
-fn search(shape: &Shape, points: &[Point], start: &Pose, goal: Point, tight: bool) -> Told {
+fn search(shape: &Shape, points: &[Point], start: &Pose, goal: Point, effort: Effort) -> Told {
     let grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
     let mut memory = Memory::new(0.2, 200);
     for row in -120..120 {
@@ -59,7 +59,7 @@ fn search(shape: &Shape, points: &[Point], start: &Pose, goal: Point, tight: boo
         *met.entry(grid.cell_of(x_m, y_m)).or_default() |= 1 << (part(-y_m) * 8 + part(x_m));
     }
     let goal = (Position::new(goal.0, goal.1), 0.3);
-    let mut search = Search::new((&met, &memory, &grid), shape, start, goal, tight);
+    let mut search = Search::new((&met, &memory, &grid), shape, start, goal, effort);
     loop {
         match search.go_on() {
             Threading::On => {}
@@ -124,7 +124,7 @@ proptest! {
         let (start, goal) = (Pose::level(-5.5, 0.0, heading_rad), (5.5, 0.3));
         let points: Vec<Point> = crates.iter().flat_map(|&(x, y, half)| square((x, y), half)).collect();
         let shape = shape(turns);
-        if let Told::Way(legs) = search(&shape, &points, &start, goal, false) {
+        if let Told::Way(legs) = search(&shape, &points, &start, goal, Effort::Usual) {
             let way = poses(&start, &legs);
             for &pose in &way {
                 // 0.06 m less what a cell's part is wide and what a turn swings out between its pieces.
@@ -149,7 +149,7 @@ fn a_vehicle_beside_a_wall_gets_away_without_room_to_turn(#[case] right_m: f64, 
     let mut points = line((-5.0, wall_m), (5.0, wall_m));
     points.extend(square((0.3, shape.half_width_m + left_m + 0.3), 0.3));
     points.extend(line((-5.0, wall_m), (-5.0, 2.0)));
-    let Told::Way(legs) = search(&shape, &points, &start, (-2.0, 3.0), false) else {
+    let Told::Way(legs) = search(&shape, &points, &start, (-2.0, 3.0), Effort::Usual) else {
         panic!("it can drive off along the wall");
     };
     assert!(
@@ -171,7 +171,7 @@ fn a_vehicle_in_a_crooked_slot_drives_out_of_it() {
     let mut points = line(at(-0.8, half), at(0.6, half));
     points.extend(line(at(-0.8, -half), at(0.6, -half)));
     points.extend(line(at(-0.8, -half), at(-0.8, half)));
-    let Told::Way(legs) = search(&shape, &points, &start, (-4.0, 0.0), true) else {
+    let Told::Way(legs) = search(&shape, &points, &start, (-4.0, 0.0), Effort::Tight) else {
         panic!("it can drive straight ahead");
     };
     assert!(
@@ -187,11 +187,29 @@ fn a_vehicle_in_a_crooked_slot_drives_out_of_it() {
 fn a_ring_of_things_is_told_by_what_it_closes_in(#[case] middle: Point, #[case] expected: bool) {
     for turn_radius_m in [0.0, 0.8] {
         let start = Pose::level(-4.0, 0.0, 0.0);
-        match search(&shape(turn_radius_m), &square(middle, 2.0), &start, (4.0, 0.0), true) {
+        match search(
+            &shape(turn_radius_m),
+            &square(middle, 2.0),
+            &start,
+            (4.0, 0.0),
+            Effort::Tight,
+        ) {
             Told::None { goal_closed } => assert_eq!(goal_closed, expected),
             Told::Way(_) => panic!("there is no way"),
         }
     }
+}
+
+#[test]
+fn a_way_round_a_long_wall_is_found_with_more_effort() {
+    let start = Pose::level(-2.0, 0.0, 0.0);
+    let wall = line((0.0, -20.0), (0.0, 20.0));
+    let told = |effort| search(&shape(0.0), &wall, &start, (2.0, 0.0), effort);
+    assert!(matches!(told(Effort::Usual), Told::None { .. }));
+    let Told::Way(legs) = told(Effort::Wide) else {
+        panic!("it leads around the end of the wall");
+    };
+    assert!(legs.iter().map(Leg::length_m).sum::<f64>() > 40.0);
 }
 
 /// Surroundings of a robot at the origin that hold one place.

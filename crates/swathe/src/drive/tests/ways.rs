@@ -7,7 +7,7 @@ use super::world::vehicle;
 use crate::drive::DriveParams;
 use crate::drive::memory::{Memory, Seen};
 use crate::drive::params::Shape;
-use crate::drive::thread::{Leg, Met, Search, Threading, after, on_run};
+use crate::drive::thread::{Effort, Leg, Met, Search, Threading, after, on_run};
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::sensor::{Pose, wrap};
@@ -37,7 +37,7 @@ fn found(shape: &Shape, gap_m: f64) -> Option<Vec<Leg>> {
     let met = wall_with_gap(&grid, gap_m);
     let known = (&met, &memory, &grid);
     let goal = (Position::new(4.0, 1.0), 0.35);
-    let mut search = Search::new(known, shape, &Pose::level(0.0, 0.0, 0.4), goal, true);
+    let mut search = Search::new(known, shape, &Pose::level(0.0, 0.0, 0.4), goal, Effort::Tight);
     for _ in 0..400 {
         match search.go_on() {
             Threading::On => {}

@@ -17,9 +17,8 @@ const LEAST_M: f64 = 0.025;
 /// Within this many metres of the circle around the footprint ground costs more.
 const NEAR_M: f64 = 0.15;
 
-/// Cells that a search looks at beyond robot and goal, and at most along a side.
-pub(super) const AROUND_CELLS: i64 = 128;
-pub(super) const MOST_CELLS: i64 = 900;
+/// Most cells along a side.
+pub(super) const MOST_CELLS: i64 = 1200;
 
 /// Tenths of a cell from one cell to the next, straight and across, and how much longer ground is that was never seen.
 const STRAIGHT: u32 = 10;
@@ -80,7 +79,7 @@ impl Field {
         shape: &Shape,
         pose: &Pose,
         (goal, near_goal_m): (Position, f64),
-        closes_m: f64,
+        (closes_m, around_cells): (f64, i64),
     ) -> Self {
         let size_m = grid.params().cell_size_m;
         let offset = |to: Position| {
@@ -88,7 +87,7 @@ impl Field {
             (down.round() as i64, right.round() as i64)
         };
         let range = |to: i64| {
-            let (low, high) = (to.min(0) - AROUND_CELLS, to.max(0) + AROUND_CELLS);
+            let (low, high) = (to.min(0) - around_cells, to.max(0) + around_cells);
             (low, (high - low + 1).clamp(1, MOST_CELLS))
         };
         let there = offset(goal);

@@ -20,7 +20,7 @@ use crate::sensor::{Pose, wrap};
 use super::memory::Memory;
 use super::params::Shape;
 use arcs::Arcs;
-use field::{AROUND_CELLS, Field, MARGIN_M, MOST_CELLS};
+use field::{Field, MARGIN_M, MOST_CELLS};
 use walk::Walk;
 
 /// The parts of cells in which something was met, by cell of the certainty grid's lattice.
@@ -33,6 +33,10 @@ const WEIGHT: f64 = 1.5;
 const BACK_FACTOR: f64 = 1.5;
 const NEAR_FACTOR: f64 = 1.4;
 const UNSEEN_FACTOR: f64 = 1.5;
+
+/// Cells that a search looks at beyond robot and goal: at first, and when that is closed.
+const AROUND_CELLS: i64 = 128;
+const WIDE_CELLS: i64 = 384;
 
 /// Cells of the field that are laid in one step of the navigator.
 const LAID_PER_STEP: usize = 40_000;
@@ -61,6 +65,18 @@ impl Leg {
             Self::Run { length_m, .. } => length_m.abs(),
         }
     }
+}
+
+/// How hard a search tries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// Around robot and goal.
+    #[default]
+    Usual,
+    /// Farther away too.
+    Wide,
+    /// With less free room on each side.
+    Tight,
 }
 
 /// How a search stands.
@@ -101,19 +117,23 @@ impl std::fmt::Debug for Search {
 }
 
 impl Search {
-    /// A search from a pose to within some metres of a goal. The free room on each side is less than usual with `tight`.
-    pub fn new(known: Known, shape: &Shape, pose: &Pose, (goal, near_goal_m): (Position, f64), tight: bool) -> Self {
+    /// A search from a pose to within some metres of a goal.
+    pub fn new(known: Known, shape: &Shape, pose: &Pose, (goal, near_goal_m): (Position, f64), effort: Effort) -> Self {
         let size_m = known.2.params().cell_size_m;
         let away_m = Position::new(pose.x_m, pose.y_m).distance_m(goal);
-        let most_m = (MOST_CELLS - 2 * AROUND_CELLS) as f64 * size_m;
+        let most_m = (MOST_CELLS - 2 * WIDE_CELLS) as f64 * size_m;
         let (goal, near_goal_m) = if away_m > most_m {
             let nearer = Position::new(pose.x_m, pose.y_m).towards(goal, most_m / away_m);
             (nearer, near_goal_m.max(size_m))
         } else {
             (goal, near_goal_m.max(size_m))
         };
-        let closes_m = if tight { 0.5 * MARGIN_M } else { MARGIN_M };
-        let field = Field::new(known, shape, pose, (goal, near_goal_m), closes_m);
+        let (closes_m, around_cells) = match effort {
+            Effort::Usual => (MARGIN_M, AROUND_CELLS),
+            Effort::Wide => (MARGIN_M, WIDE_CELLS),
+            Effort::Tight => (0.5 * MARGIN_M, WIDE_CELLS),
+        };
+        let field = Field::new(known, shape, pose, (goal, near_goal_m), (closes_m, around_cells));
         let start = (pose.x_m, pose.y_m, pose.heading_rad);
         let kind = if shape.turns_in_place() {
             Kind::Walk(Walk::new(&field, start, goal, near_goal_m))
