@@ -14,6 +14,7 @@ from swathe.drive import Navigator
 from swathe.episode import STATUSES, Episode, EpisodeParams, Fault, FaultKind, Motion, Second
 from swathe.errors import InvalidParameterError
 from swathe.sensor import Pose
+from swathe.vehicle import load_vehicle
 
 
 def begin(seed: int = 3, kind: sim.Kind = "clutter", params: EpisodeParams | None = None) -> Episode:
@@ -181,7 +182,11 @@ def test_a_probe_stops_the_robot_and_takes_its_time() -> None:
     during = (second.truth.times_s > begun.time_s) & (second.truth.times_s < done_s)
     assert np.ptp(second.truth.x_m[during]) < 0.01
     at = np.searchsorted(second.odometry.times_s, begun.time_s)
-    assert (reading.x_m, reading.y_m) == (second.odometry.x_m[at], second.odometry.y_m[at])
+    # The cone stands on a boom, half a metre before the front edge.
+    ahead_m = load_vehicle("jackal").length_m / 2 + 0.5
+    heading_rad = second.odometry.heading_rad[at]
+    assert reading.x_m == pytest.approx(second.odometry.x_m[at] + ahead_m * math.cos(heading_rad))
+    assert reading.y_m == pytest.approx(second.odometry.y_m[at] + ahead_m * math.sin(heading_rad))
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -454,7 +454,7 @@ def test_a_demo_folder_holds_runs_and_nothing_else(tmp_path: Path) -> None:
 
 def test_every_file_of_a_run_is_one_that_the_design_names() -> None:
     expected = {"summary.json", "route.geojson", "nests.geojson", "rank.tif", "map.png", "profile.png", "report.html"}
-    expected |= {"drivable.geojson", "trials.csv", "trials.png"}
+    expected |= {"drivable.geojson", "trials.csv", "trials.png", *(f"worst-{number}.mcap" for number in range(1, 11))}
     animation = {"animation.gif", "animation.html"}
     drive = {"run.mcap", *DRIVE_PICTURES}
     assert expected | animation | drive | {*FIGURES, "index.html"} == OUR_FILES

@@ -40,6 +40,7 @@ MAP_ROWS = st.builds(
     arm=WORDS,
     status=WORDS,
     reason=WORDS,
+    planned_s=st.none() | st.floats(0, 1e4),
     best_s=st.none() | st.floats(0, 1e3),
     grids_differed=st.none() | st.floats(0, 1),
 )
