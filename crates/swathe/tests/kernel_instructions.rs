@@ -4,8 +4,9 @@
 //! When a change is worth more instructions because it saves waiting for memory, measure it with
 //! `make bench ONLY=route-4000` and set them anew.
 
+mod callgrind;
+
 use std::hint::black_box;
-use std::process::Command;
 
 use rstest::rstest;
 use swathe::grid::{Cell, GridGeometry, LayerView};
@@ -69,35 +70,7 @@ fn job() {
 
 /// Instructions per cell of the map.
 fn instructions_per_cell(job: &str) -> Option<f64> {
-    let program = std::env::current_exe().unwrap();
-    let run = Command::new("valgrind")
-        .args([
-            "--tool=callgrind",
-            "--callgrind-out-file=/dev/null",
-            "--toggle-collect=*kernel_job*",
-        ])
-        .arg(program)
-        .args(["job", "--exact", "--ignored", "--nocapture", "--test-threads=1"])
-        .env("SWATHE_KERNEL_JOB", job)
-        .output();
-    let Ok(run) = run else {
-        let required = std::env::var("SWATHE_REQUIRE").unwrap_or_default();
-        assert!(
-            !required.split(',').any(|name| name == "all" || name == "valgrind"),
-            "valgrind is required and not installed"
-        );
-        eprintln!("valgrind is not installed: instructions are not counted");
-        return None;
-    };
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    assert!(run.status.success(), "{said}");
-    let line = said.lines().find_map(|line| line.split("Collected : ").nth(1));
-    let count: f64 = line
-        .unwrap_or_else(|| panic!("no count in {said}"))
-        .trim()
-        .parse()
-        .unwrap();
-    Some(count / (SIDE * SIDE) as f64)
+    Some(callgrind::instructions("kernel_job", "SWATHE_KERNEL_JOB", job)? / (SIDE * SIDE) as f64)
 }
 
 #[rstest]

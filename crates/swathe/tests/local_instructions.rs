@@ -4,10 +4,10 @@
 //! The bounds are what was counted in the profile of tests, its checks included (122 000, and 316 000 with a turning circle), and a
 //! tenth more. Optimised these are 77 000 and 159 000, about 4 and 8 us; an update must take 10 us at most.
 
+mod callgrind;
 mod local_windows;
 
 use std::hint::black_box;
-use std::process::Command;
 
 use local_windows::{BODY, CONTENTS, scan_of, window_of};
 use rstest::rstest;
@@ -50,35 +50,7 @@ fn job() {
 
 /// Instructions per update.
 fn instructions(job: &str) -> Option<f64> {
-    let program = std::env::current_exe().unwrap();
-    let run = Command::new("valgrind")
-        .args([
-            "--tool=callgrind",
-            "--callgrind-out-file=/dev/null",
-            "--toggle-collect=*local_job*",
-        ])
-        .arg(program)
-        .args(["job", "--exact", "--ignored", "--nocapture", "--test-threads=1"])
-        .env("SWATHE_LOCAL_JOB", job)
-        .output();
-    let Ok(run) = run else {
-        let required = std::env::var("SWATHE_REQUIRE").unwrap_or_default();
-        assert!(
-            !required.split(',').any(|name| name == "all" || name == "valgrind"),
-            "valgrind is required and not installed"
-        );
-        eprintln!("valgrind is not installed: instructions are not counted");
-        return None;
-    };
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    assert!(run.status.success(), "{said}");
-    let line = said.lines().find_map(|line| line.split("Collected : ").nth(1));
-    let count: f64 = line
-        .unwrap_or_else(|| panic!("no count in {said}"))
-        .trim()
-        .parse()
-        .unwrap();
-    Some(count / f64::from(ROUNDS))
+    Some(callgrind::instructions("local_job", "SWATHE_LOCAL_JOB", job)? / f64::from(ROUNDS))
 }
 
 #[rstest]
