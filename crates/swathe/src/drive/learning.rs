@@ -111,6 +111,26 @@ impl Navigator {
         self.follow(&learnt);
     }
 
+    /// What the region knows, before its first step too.
+    fn teachable(&mut self) -> Result<&mut Knowledge, DriveError> {
+        let knowledge = match (&mut self.region, &mut self.pending_region) {
+            (Some(region), _) => region.knowledge_mut(),
+            (None, Some(Source::Known(knowledge, _))) => Some(&mut **knowledge),
+            (None, _) => None,
+        };
+        knowledge.ok_or(DriveError::NoKnowledge)
+    }
+
+    /// Lets everything follow what was learnt between steps, for the next step to tell.
+    fn tell_next(&mut self, event: Event, learnt: &Learnt) {
+        // A step begins with an empty list.
+        let told = std::mem::take(&mut self.events);
+        self.events.append(&mut self.news);
+        self.events.push(event);
+        self.follow(learnt);
+        self.news = std::mem::replace(&mut self.events, told);
+    }
+
     /// Takes in news of the soil of an area, between steps; ranks, nests, both grids and the route follow at once, and the
     /// next step's events tell it.
     ///
@@ -118,23 +138,14 @@ impl Navigator {
     /// [`DriveError::Belief`] when the update is not usable, [`DriveError::NoKnowledge`] when the region cannot learn.
     pub fn learn_soil(&mut self, update: &SoilUpdate) -> Result<Learnt, DriveError> {
         let at = self.place().unwrap_or(self.goal);
-        let knowledge = match (&mut self.region, &mut self.pending_region) {
-            (Some(region), _) => region.knowledge_mut(),
-            (None, Some(Source::Known(knowledge, _))) => Some(&mut **knowledge),
-            (None, _) => None,
-        };
-        let learnt = knowledge.ok_or(DriveError::NoKnowledge)?.learn_soil(update, at)?;
-        // A step begins with an empty list.
-        let told = std::mem::take(&mut self.events);
-        self.events.append(&mut self.news);
-        self.events.push(Event::SoilUpdate {
+        let learnt = self.teachable()?.learn_soil(update, at)?;
+        let event = Event::SoilUpdate {
             source: update.source.clone(),
             told_s: update.time_s,
             class: learnt.class,
             cells_changed: learnt.ranks.len(),
-        });
-        self.follow(&learnt);
-        self.news = std::mem::replace(&mut self.events, told);
+        };
+        self.tell_next(event, &learnt);
         Ok(learnt)
     }
 
@@ -144,23 +155,15 @@ impl Navigator {
     /// [`DriveError::Belief`] when the reading is not usable, [`DriveError::NoKnowledge`] when the region cannot learn.
     pub fn learn_reading(&mut self, reading: &PenetrometerReading) -> Result<Learnt, DriveError> {
         let at = self.place().unwrap_or(self.goal);
-        let knowledge = match (&mut self.region, &mut self.pending_region) {
-            (Some(region), _) => region.knowledge_mut(),
-            (None, Some(Source::Known(knowledge, _))) => Some(&mut **knowledge),
-            (None, _) => None,
-        };
-        let learnt = knowledge.ok_or(DriveError::NoKnowledge)?.learn(reading, at)?;
-        let told = std::mem::take(&mut self.events);
-        self.events.append(&mut self.news);
-        self.events.push(Event::ReadingTaken {
+        let learnt = self.teachable()?.learn(reading, at)?;
+        let event = Event::ReadingTaken {
             at: Position::new(reading.x_m, reading.y_m),
             class: learnt.class,
             probabilities: learnt.probabilities,
             cone_index_kpa: learnt.cone_index_kpa,
             cells_changed: learnt.ranks.len(),
-        });
-        self.follow(&learnt);
-        self.news = std::mem::replace(&mut self.events, told);
+        };
+        self.tell_next(event, &learnt);
         Ok(learnt)
     }
 
