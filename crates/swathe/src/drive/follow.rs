@@ -138,6 +138,7 @@ impl Navigator {
         if self.thread.search.is_none() {
             if self.thread.searches >= MOST_SEARCHES {
                 self.thread.failed_s = Some(now.time_s);
+                self.thread.failures += 1;
                 return Threaded::Lost;
             }
             if self
@@ -169,6 +170,7 @@ impl Navigator {
                 self.thread.search = None;
                 self.thread.failures = 0;
                 self.thread.goal_closed = false;
+                if std::env::var("DBG").is_ok() { eprintln!("{:.2} found {:?} at {:?} effort {:?} legs {} len {:.1} first {:?}", now.time_s, now.at(), now.pose.heading_rad, self.thread.effort, legs.len(), legs.iter().map(Leg::length_m).sum::<f64>(), legs.first());}
                 self.thread.legs = legs;
                 self.thread.leg = 0;
                 if self.thread.legs.is_empty() {
@@ -177,6 +179,7 @@ impl Navigator {
                     Threaded::On((0.0, 0.0))
                 }
             }
+            Threading::Nothing { goal_closed } if {if std::env::var("DBG").is_ok() { eprintln!("{:.2} nothing {:?} closed {}", now.time_s, self.thread.effort, goal_closed);} false} => {Threaded::Lost}
             Threading::Nothing { .. } if self.thread.effort != Effort::Tight => {
                 self.thread.search = None;
                 self.thread.effort = match self.thread.effort {
@@ -299,6 +302,7 @@ impl Navigator {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
         }
         if free_m <= 0.0 || speed_mps < 0.01 {
+            if std::env::var("DBG").is_ok() { let f1=self.around.free_m(shape, steered, !backs, reach_m, |_,_|true); eprintln!("{:.2} blocked leg {}/{} backs {} len {:.2} along {:.2} left {:.2} off {:.2} curv {:.3} steered {:.3} free {:.3} free_unseen {:.3} speed {:.3} braking {} delay {}", now.time_s, self.thread.leg, self.thread.legs.len(), backs, length_m, along_m, left_m, off_rad, curvature, steered, free_m, f1, speed_mps, braking_mps2, delay_s);}
             return Some((0.0, 0.0));
         }
         Some((side * speed_mps, side * speed_mps * steered))

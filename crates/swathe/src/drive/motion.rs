@@ -21,6 +21,9 @@ const TURN_GAIN: f64 = 2.0;
 /// Speed next to trouble: on a closed histogram, backing, slipping; as a share of the greatest.
 const CAREFUL_SHARE: f64 = 0.25;
 
+/// Share of the brakes with which a goal is come to.
+const ARRIVE_SHARE: f64 = 0.8;
+
 /// Off the way by this much, the local method is only asked after the way itself, at this share of the greatest speed.
 const STRAY_RAD: f64 = 0.7;
 const STRAY_SHARE: f64 = 0.5;
@@ -175,7 +178,7 @@ impl Navigator {
         }
         // Arrive, rather than run past.
         let left_m = now.at().distance_m(now.aim).min(self.probing.left_m());
-        speed_mps = speed_mps.min(shape.speed_for(left_m, 0.5 * shape.braking_mps2, 0.0) + 0.1);
+        speed_mps = speed_mps.min(shape.speed_for(left_m, ARRIVE_SHARE * shape.braking_mps2, 0.0) + 0.1);
         speed_mps = speed_mps.clamp(0.05_f64.min(shape.max_speed_mps), shape.max_speed_mps);
         let turn_radps = shape.turn_rate(wanted_turn, speed_mps);
         let curvature = turn_radps / speed_mps;

@@ -282,6 +282,15 @@ pub(super) fn along(curvature_per_m: f64, way_m: f64) -> (f64, f64, f64) {
     }
 }
 
+/// Whether a place was seen before, as the certainty grid remembers it.
+pub(super) fn was_seen(grid: &CertaintyGrid, x_m: f64, y_m: f64) -> bool {
+    let (row, column) = grid.cell_of(x_m, y_m);
+    let is_seen = |row: i64, column: i64| grid.certainty_of((row, column)).is_some();
+    // Beams leave gaps: a cell among seen ones counts, one at their edge does not.
+    let around = || (0..9).filter(|k| is_seen(row - 1 + k / 3, column - 1 + k % 3)).count();
+    is_seen(row, column) || around() >= LEAST_SEEN
+}
+
 /// Whether a place was seen: by the present scan's nearest beams, or before, as the certainty grid remembers it. Within the
 /// footprint's reach at the start everything counts as seen: the robot came from there.
 pub(super) struct Sight<'a> {
@@ -300,11 +309,7 @@ impl Sight<'_> {
         let (sin, cos) = self.pose.heading_rad.sin_cos();
         let x_m = self.pose.x_m + cos * ahead_m - sin * left_m;
         let y_m = self.pose.y_m + sin * ahead_m + cos * left_m;
-        let (row, column) = self.grid.cell_of(x_m, y_m);
-        let is_seen = |row: i64, column: i64| self.grid.certainty_of((row, column)).is_some();
-        // Beams leave gaps: a cell among seen ones counts, one at their edge does not.
-        let around = || (0..9).filter(|k| is_seen(row - 1 + k / 3, column - 1 + k % 3)).count();
-        is_seen(row, column) || around() >= LEAST_SEEN
+        was_seen(self.grid, x_m, y_m)
     }
 
     fn by_scan(&self, ahead_m: f64, left_m: f64) -> bool {

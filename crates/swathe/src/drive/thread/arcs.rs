@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use crate::grid::Position;
 
 use super::field::Field;
-use super::{BACK_FACTOR, Leg, NEAR_FACTOR, Progress, UNSEEN_FACTOR, WEIGHT, after};
+use super::{BACK_FACTOR, Effort, Leg, NEAR_FACTOR, Progress, UNSEEN_FACTOR, WEIGHT, after};
 
 /// States that are looked at in one step of the navigator, and in all.
 const WORK_PER_STEP: usize = 1500;
@@ -16,8 +16,14 @@ const MOST_STATES: usize = 600_000;
 /// Turning back costs as much as this many radii of the footprint.
 const CUSP_RADII: f64 = 1.0;
 
-/// Headings that are told apart, and how much wider than its least circle the vehicle plans.
-const HEADINGS: f64 = 64.0;
+/// Headings that are told apart, by effort.
+const HEADINGS: u16 = 32;
+const FINE_HEADINGS: u16 = 64;
+
+/// Side of the cells within which states are one, as a share of a step.
+const SAME_SHARE: f64 = 0.4;
+
+/// How much wider than its least circle the vehicle plans.
 const WIDER: f64 = 1.05;
 
 /// Room that a vehicle keeps beside it and behind when it backs, where it has it.
@@ -26,7 +32,7 @@ const SPARE_M: f64 = 0.25;
 /// Longest way between two poses that are looked at, in metres.
 const PIECE_M: f64 = 0.12;
 
-/// A state: its cell, and a sixty-fourth of the turn.
+/// A state: its cell, and a part of the turn.
 type Key = (i64, i64, u16);
 
 #[derive(Clone, Copy, Debug)]
@@ -83,19 +89,35 @@ pub(super) struct Arcs {
     start: (f64, f64, f64),
     goal: Position,
     near_goal_m: f64,
-    turn_radius_m: f64,
+    tightest_per_m: f64,
+    headings: u16,
+    /// Length of a step, so long that an arc leads into another heading, and side of the cells of states.
+    length_m: f64,
+    same_m: f64,
     nodes: Vec<Node>,
     best: HashMap<Key, f64>,
     open: BinaryHeap<Open>,
 }
 
 impl Arcs {
-    pub fn new(start: (f64, f64, f64), goal: Position, near_goal_m: f64, turn_radius_m: f64) -> Self {
+    pub fn new(
+        field: &Field,
+        start: (f64, f64, f64),
+        (goal, near_goal_m): (Position, f64),
+        turn_radius_m: f64,
+        effort: Effort,
+    ) -> Self {
+        let headings = if effort == Effort::Tight { FINE_HEADINGS } else { HEADINGS };
+        let tightest_per_m = 1.0 / (WIDER * turn_radius_m);
+        let length_m = (1.5 * field.size_m).max(1.1 * TAU / f64::from(headings) / tightest_per_m);
         Self {
             start,
             goal,
             near_goal_m,
-            turn_radius_m,
+            tightest_per_m,
+            headings,
+            length_m,
+            same_m: field.size_m.max(SAME_SHARE * length_m),
             nodes: Vec::new(),
             best: HashMap::new(),
             open: BinaryHeap::new(),
@@ -108,9 +130,12 @@ impl Arcs {
         self.reach(field, self.start, 0.0, u32::MAX, leg, false);
     }
 
-    fn key(field: &Field, (x_m, y_m, heading_rad): (f64, f64, f64)) -> Key {
-        let (row, column) = field.cell(x_m, y_m);
-        let sector = (heading_rad.rem_euclid(TAU) / TAU * HEADINGS).round() as u16 % HEADINGS as u16;
+    fn key(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> Key {
+        let (row, column) = (
+            ((self.start.1 - y_m) / self.same_m).round() as i64,
+            ((x_m - self.start.0) / self.same_m).round() as i64,
+        );
+        let sector = (heading_rad.rem_euclid(TAU) / TAU * f64::from(self.headings)).round() as u16 % self.headings;
         (row, column, sector)
     }
 
@@ -118,7 +143,7 @@ impl Arcs {
         let Some(to_go_m) = field.at(at.0, at.1).and_then(|index| field.to_go_m(index)) else {
             return;
         };
-        let key = Self::key(field, at);
+        let key = self.key(at);
         if self.best.get(&key).is_some_and(|&best_m| best_m <= cost_m + 1e-9) {
             return;
         }
@@ -143,7 +168,7 @@ impl Arcs {
                 return Progress::Exhausted;
             };
             let now = self.nodes[node as usize];
-            let best_m = self.best.get(&Self::key(field, now.at));
+            let best_m = self.best.get(&self.key(now.at));
             if best_m.is_some_and(|&best_m| best_m < now.cost_m - 1e-9) {
                 continue;
             }
@@ -169,9 +194,7 @@ impl Arcs {
     }
 
     fn drive_from(&mut self, field: &Field, node: u32, now: &Node) {
-        let tightest = 1.0 / (WIDER * self.turn_radius_m);
-        // So long that an arc leads into another heading.
-        let length_m = (1.5 * field.size_m).max(1.1 * TAU / HEADINGS / tightest);
+        let (tightest, length_m) = (self.tightest_per_m, self.length_m);
         let steps = (length_m / field.size_m.min(PIECE_M)).ceil().max(2.0) as usize;
         for side in [1.0, -1.0] {
             let backs = side < 0.0;

@@ -5,6 +5,7 @@ use crate::sensor::Pose;
 
 use super::super::memory::Seen;
 use super::super::params::Shape;
+use super::super::safety::was_seen;
 use super::Known;
 
 /// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
@@ -16,6 +17,9 @@ const LEAST_M: f64 = 0.025;
 
 /// Within this many metres of the circle around the footprint ground costs more.
 const NEAR_M: f64 = 0.15;
+
+/// Within this many radii of the footprint the certainty grid tells what was seen, farther away the memory, whose cells are larger.
+const FINELY_RADII: f64 = 4.0;
 
 /// Most cells along a side.
 pub(super) const MOST_CELLS: i64 = 1200;
@@ -117,10 +121,14 @@ impl Field {
             radius_m: shape.radius_m,
         };
         field.place(met, grid, pose);
+        let finely_m = FINELY_RADII * shape.radius_m;
         for row in 0..rows {
             for column in 0..columns {
                 let (x_m, y_m) = field.middle((row, column));
-                field.known[(row * columns + column) as usize] = memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
+                let is_known = memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
+                let is_here = (x_m - pose.x_m).abs().max((y_m - pose.y_m).abs()) < finely_m;
+                // What is driven next must be as the drive itself will see it.
+                field.known[(row * columns + column) as usize] = is_known && (!is_here || was_seen(grid, x_m, y_m));
             }
         }
         let near = (near_goal_m / size_m).ceil() as i64 + 1;

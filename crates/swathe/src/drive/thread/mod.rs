@@ -138,7 +138,13 @@ impl Search {
         let kind = if shape.turns_in_place() {
             Kind::Walk(Walk::new(&field, start, goal, near_goal_m))
         } else {
-            Kind::Arcs(Arcs::new(start, goal, near_goal_m, shape.turn_radius_m))
+            Kind::Arcs(Arcs::new(
+                &field,
+                start,
+                (goal, near_goal_m),
+                shape.turn_radius_m,
+                effort,
+            ))
         };
         Self {
             field,
