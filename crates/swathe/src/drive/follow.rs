@@ -25,6 +25,15 @@ const WIDE_M: f64 = 0.15;
 /// Widest turn that is driven on the way, where there is room, instead of on the spot.
 const BEND_RAD: f64 = 0.7;
 
+/// Distance before an obstacle at which a leg ends, and so for a vehicle with a turning circle that backs.
+const KEEP_M: f64 = 0.02;
+const BACK_KEEP_M: f64 = 0.15;
+
+/// Longest way over which the wheels of a vehicle with a turning circle go from one arc to the next, and the braking for it.
+const CHANGE_M: f64 = 0.6;
+const CHANGE_SHARE: f64 = 0.3;
+const CHANGE_LOOK_M: f64 = 6.0;
+
 /// A heading that is off by less is that of the leg; a place by less, its end.
 const TURNED_RAD: f64 = 0.03;
 const THERE_M: f64 = 0.02;
@@ -62,6 +71,12 @@ pub(super) struct Thread {
     /// Where it began, and after how many metres the usual way is tried again: longer each time.
     from: Option<Position>,
     leave_m: f64,
+}
+
+/// How an arc is to be steered.
+struct Led {
+    curvature_per_m: f64,
+    speed_mps: f64,
 }
 
 /// What a step on such a way says.
@@ -253,6 +268,48 @@ impl Navigator {
         Some((0.0, (2.0 * off_rad).clamp(-most, most)))
     }
 
+    /// The curvature to steer on an arc, and how fast: the next arc is begun half a change before this one ends, as the turn rate
+    /// takes time to follow.
+    fn led(&self, now: &Now, curvature_per_m: f64, length_m: f64, rest_m: f64) -> Led {
+        let shape = &self.shape;
+        let mut led = Led {
+            curvature_per_m,
+            speed_mps: shape.max_speed_mps,
+        };
+        if shape.turns_in_place() {
+            return led;
+        }
+        let spin_radps2 = shape.acceleration_mps2 / shape.half_width_m;
+        let mut ahead_m = rest_m;
+        let mut before_per_m = curvature_per_m;
+        for leg in &self.thread.legs[(self.thread.leg + 1).min(self.thread.legs.len())..] {
+            let &Leg::Run {
+                curvature_per_m: next_per_m,
+                length_m: next_m,
+                ..
+            } = leg
+            else {
+                break;
+            };
+            if next_m * length_m < 0.0 || ahead_m > CHANGE_LOOK_M {
+                break;
+            }
+            let change_per_m = (next_per_m - before_per_m).abs();
+            if change_per_m > 1e-6 {
+                let calm_mps = (spin_radps2 * CHANGE_M / change_per_m).sqrt();
+                let braking_mps2 = CHANGE_SHARE * shape.braking_mps2;
+                led.speed_mps = led.speed_mps.min((calm_mps * calm_mps + 2.0 * braking_mps2 * ahead_m).sqrt());
+                let lead_m = 0.5 * now.speed_mps * now.speed_mps * change_per_m / spin_radps2;
+                if ahead_m < lead_m {
+                    led.curvature_per_m = next_per_m;
+                }
+            }
+            before_per_m = next_per_m;
+            ahead_m += next_m.abs();
+        }
+        led
+    }
+
     /// Drives an arc; `None` at its end.
     fn run(&self, now: &Now, from: (f64, f64, f64), curvature: f64, length_m: f64) -> Option<(f64, f64)> {
         let shape = &self.shape;
@@ -264,7 +321,8 @@ impl Navigator {
         }
         let within_m = (0.6 * shape.radius_m).max(0.25);
         let side = if backs { -1.0 } else { 1.0 };
-        let steered = curvature + side * 2.0 * off_rad / within_m - left_m / (within_m * within_m);
+        let led = self.led(now, curvature, length_m, rest_m);
+        let steered = led.curvature_per_m + side * 2.0 * off_rad / within_m - left_m / (within_m * within_m);
         let tightest = if shape.turns_in_place() {
             1.0 / within_m
         } else {
@@ -297,7 +355,15 @@ impl Navigator {
         let share = (room_m / shape.radius_m).clamp(0.0, 1.0);
         let calm_mps = least_mps + share * ((WIDE_SHARE * shape.max_speed_mps).min(WIDE_MPS) - least_mps).max(0.0);
         let calm_mps = calm_mps * if backs { 0.5 } else { 1.0 };
-        let mut speed_mps = calm_mps.min(shape.speed_for(free_m - 0.02, braking_mps2, delay_s));
+        // Backwards it keeps away from corners that were seen from one side, unless it would not get on otherwise.
+        let keeps_m = if backs && !shape.turns_in_place() && self.thread.searches < 2 {
+            BACK_KEEP_M
+        } else {
+            KEEP_M
+        };
+        let mut speed_mps = calm_mps
+            .min(led.speed_mps)
+            .min(shape.speed_for(free_m - keeps_m, braking_mps2, delay_s));
         if !goes_on {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
         }

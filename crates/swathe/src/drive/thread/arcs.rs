@@ -208,7 +208,7 @@ impl Arcs {
                 let to = poses[steps - 1];
                 // Corners that were seen from one side only reach farther than what was met of them.
                 let is_tight = || has_room(field, now.at) && !has_room(field, to);
-                if backs && (!field.sees_behind(to) || is_tight()) {
+                if backs && (!poses.iter().all(|&pose| field.sees_behind(pose)) || is_tight()) {
                     continue;
                 }
                 let leg = Leg::Run {
