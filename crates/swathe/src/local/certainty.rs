@@ -12,6 +12,9 @@ pub const CERTAINTY_MAX: u8 = 15;
 /// Certainty of a cell that no beam has reached, beyond every other.
 const UNSEEN: u8 = u8::MAX;
 
+/// Side of a part of a cell, in cells.
+const PART: f64 = 1.0 / 8.0;
+
 /// Log-odds are counted in this many steps per natural unit.
 const STEPS: f64 = 256.0;
 
@@ -159,6 +162,34 @@ impl Levels {
     }
 }
 
+/// A beam in units of cells, x right and y down.
+struct Ray {
+    from: [f64; 2],
+    toward: [f64; 2],
+    half_rad: f64,
+}
+
+impl Ray {
+    /// Whether the beam comes so near to a part in which something was met that it tells of it: a corner that fills a part of a
+    /// cell is not gone when beams cross the rest of it.
+    fn passes(&self, cell: (i64, i64), parts: u64) -> bool {
+        let corner = [cell.1 as f64 - self.from[0], cell.0 as f64 - self.from[1]];
+        let mut rest = parts;
+        while rest != 0 {
+            let part = rest.trailing_zeros();
+            rest &= rest - 1;
+            let x = corner[0] + (f64::from(part % 8) + 0.5) / 8.0;
+            let y = corner[1] + (f64::from(part / 8) + 0.5) / 8.0;
+            let away = x * self.toward[0] + y * self.toward[1];
+            let aside = (x * self.toward[1] - y * self.toward[0]).abs();
+            if aside <= (self.half_rad * away).max(PART) {
+                return true;
+            }
+        }
+        parts == 0
+    }
+}
+
 /// The part of a cell for a place in parts of 256, right and down.
 fn bit_of([right, down]: [u8; 2]) -> u64 {
     1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
@@ -298,14 +329,15 @@ impl CertaintyGrid {
         }
         // Hits are counted before, so that they win.
         let start = (sensor.x_m, sensor.y_m);
+        let half_rad = 0.5 * scan.angle_increment_rad.abs();
         for &end in &ends {
-            self.cross(start, end);
+            self.cross(start, end, half_rad);
         }
         self.ends = ends;
     }
 
-    /// Counts the cells that a beam crossed, all but the last, nearest first.
-    fn cross(&mut self, from: (f64, f64), to: (f64, f64)) {
+    /// Counts the cells that a beam crossed, all but the last, nearest first; told is half the angle to the next beam.
+    fn cross(&mut self, from: (f64, f64), to: (f64, f64), half_rad: f64) {
         let size = self.params.cell_size_m;
         let (mut row, mut column) = self.lattice(from.0, from.1);
         let last = self.lattice(to.0, to.1);
@@ -332,12 +364,24 @@ impl CertaintyGrid {
         // Rounding could miss the last cell; no beam crosses more borders than this.
         let borders = (last.0 - row).abs() + (last.1 - column).abs();
         let change = -self.levels.miss;
+        let length = along[0].hypot(along[1]).max(1e-9);
+        let ray = Ray {
+            from: place,
+            toward: along.map(|part| part / length),
+            half_rad,
+        };
         for _ in 0..borders {
             // A beam that has left the window does not come back.
             if !is_inside && !self.holds((row, column)) {
                 return;
             }
-            self.count(self.wrapped((row, column)), (row, column), change);
+            let index = self.wrapped((row, column));
+            let is_told = self.evidence[index].level <= 0 || self.certainty[index] == UNSEEN || {
+                matches!(self.params.evidence, Evidence::Himm { .. }) || ray.passes((row, column), self.evidence[index].hits)
+            };
+            if is_told {
+                self.count(index, (row, column), change);
+            }
             if to_column < to_row {
                 column += step[0];
                 to_column += span[0];

@@ -26,8 +26,11 @@ const SAME_SHARE: f64 = 0.4;
 /// How much wider than its least circle the vehicle plans.
 const WIDER: f64 = 1.05;
 
-/// Room that a vehicle keeps beside it and behind when it backs, where it has it.
+/// Room that a vehicle keeps beside it and before it, and what a metre costs without, as a multiple: beside a wall it cannot
+/// turn away any more, and corners that were seen from one side only reach farther than what was met of them.
 const SPARE_M: f64 = 0.25;
+const TIGHT_FACTOR: f64 = 2.0;
+const TIGHT_BACK_FACTOR: f64 = 4.0;
 
 /// Longest way between two poses that are looked at, in metres.
 const PIECE_M: f64 = 0.12;
@@ -70,10 +73,11 @@ impl Ord for Open {
     }
 }
 
-/// Whether a vehicle that backs has room to spare at a pose, beside it and behind.
-fn has_room(field: &Field, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
+/// Whether a vehicle has room to spare at a pose, beside it and before it in the direction of travel.
+fn has_room(field: &Field, (x_m, y_m, heading_rad): (f64, f64, f64), backs: bool) -> bool {
     let (sin, cos) = heading_rad.sin_cos();
-    [(-SPARE_M, 0.0), (0.0, SPARE_M), (0.0, -SPARE_M)]
+    let further_m = if backs { -SPARE_M } else { SPARE_M };
+    [(further_m, 0.0), (0.0, SPARE_M), (0.0, -SPARE_M)]
         .into_iter()
         .all(|(ahead, left)| {
             field.is_free((
@@ -188,7 +192,16 @@ impl Arcs {
         let Some(index) = field.at(at.0, at.1) else {
             return 1.0;
         };
-        (if field.is_near(index) { NEAR_FACTOR } else { 1.0 })
+        let tight = if !field.is_near(index) {
+            1.0
+        } else if has_room(field, at, backs) {
+            NEAR_FACTOR
+        } else if backs {
+            TIGHT_BACK_FACTOR
+        } else {
+            TIGHT_FACTOR
+        };
+        tight
             * if backs { BACK_FACTOR } else { 1.0 }
             * if field.is_known(index) { 1.0 } else { UNSEEN_FACTOR }
     }
@@ -206,9 +219,7 @@ impl Arcs {
                     continue;
                 }
                 let to = poses[steps - 1];
-                // Corners that were seen from one side only reach farther than what was met of them.
-                let is_tight = || has_room(field, now.at) && !has_room(field, to);
-                if backs && (!poses.iter().all(|&pose| field.sees_behind(pose)) || is_tight()) {
+                if backs && !poses.iter().all(|&pose| field.sees_behind(pose)) {
                     continue;
                 }
                 let leg = Leg::Run {

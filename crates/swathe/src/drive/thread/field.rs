@@ -63,6 +63,8 @@ pub(super) struct Field {
     stage: Stage,
     reach: i64,
     closes_m: f64,
+    /// How much nearer the bound may come than a footprint: as much as a place may be off the middle of its cell.
+    loose_m: f64,
     pub half_length_m: f64,
     pub half_width_m: f64,
     pub radius_m: f64,
@@ -116,6 +118,7 @@ impl Field {
             stage: Stage::Nearness(0),
             reach: (reach_m / size_m).ceil() as i64,
             closes_m,
+            loose_m: if shape.turns_in_place() { 0.0 } else { 0.5 * size_m },
             half_length_m: shape.half_length_m,
             half_width_m: shape.half_width_m,
             radius_m: shape.radius_m,
@@ -231,7 +234,7 @@ impl Field {
 
     /// Where a disc that fits into the footprint may be.
     fn lets_disc(&self, index: usize) -> bool {
-        f64::from(self.near_m[index]) >= self.half_length_m.min(self.half_width_m) + self.closes_m - 1e-3
+        f64::from(self.near_m[index]) + self.loose_m >= self.half_length_m.min(self.half_width_m) + self.closes_m - 1e-3
     }
 
     fn begin_distances(&mut self) {
