@@ -21,6 +21,9 @@ const NEAR_M: f64 = 0.15;
 /// Within this many radii of the footprint the certainty grid tells what was seen, farther away the memory, whose cells are larger.
 const FINELY_RADII: f64 = 4.0;
 
+/// Discs that cover a footprint.
+const COVERS: usize = 4;
+
 /// Most cells along a side.
 pub(super) const MOST_CELLS: i64 = 1200;
 
@@ -68,6 +71,11 @@ pub(super) struct Field {
     pub half_length_m: f64,
     pub half_width_m: f64,
     pub radius_m: f64,
+    /// Middles along the footprint, by metres ahead, of discs that cover it together, and of discs within it; the radius of the
+    /// former, the latter have half its width.
+    covers: [f64; COVERS],
+    cover_m: f64,
+    within: [f64; 3],
 }
 
 impl std::fmt::Debug for Field {
@@ -122,6 +130,12 @@ impl Field {
             half_length_m: shape.half_length_m,
             half_width_m: shape.half_width_m,
             radius_m: shape.radius_m,
+            covers: std::array::from_fn(|k| {
+                let share = (2 * k + 1) as f64 / COVERS as f64 - 1.0;
+                share * shape.half_length_m
+            }),
+            cover_m: (shape.half_length_m / COVERS as f64).hypot(shape.half_width_m),
+            within: [-1.0, 0.0, 1.0].map(|side| side * (shape.half_length_m - shape.half_width_m).max(0.0)),
         };
         field.place(met, grid, pose);
         let finely_m = FINELY_RADII * shape.radius_m;
@@ -370,6 +384,20 @@ impl Field {
             return true;
         }
         let (sin, cos) = heading_rad.sin_cos();
+        // Discs tell most poses.
+        let slack_m = 0.71 * self.size_m;
+        let near_m = |ahead_m: f64| {
+            self.at(x_m + cos * ahead_m, y_m + sin * ahead_m)
+                .map_or(0.0, |index| f64::from(self.near_m[index]))
+        };
+        let least_m = self.half_width_m.min(self.half_length_m) + self.closes_m;
+        if self.within.iter().any(|&ahead_m| near_m(ahead_m) + slack_m < least_m) {
+            return false;
+        }
+        let enough_m = self.cover_m + self.closes_m + slack_m;
+        if self.covers.iter().all(|&ahead_m| near_m(ahead_m) > enough_m) {
+            return true;
+        }
         let reach = ((self.radius_m + self.closes_m) / self.size_m).ceil() as i64;
         let columns = (cell.1 - reach).max(0)..(cell.1 + reach + 1).min(self.columns);
         for row in (cell.0 - reach).max(0)..(cell.0 + reach + 1).min(self.rows) {
