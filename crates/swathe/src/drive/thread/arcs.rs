@@ -17,7 +17,7 @@ const MOST_STATES: usize = 600_000;
 const CUSP_RADII: f64 = 1.0;
 
 /// Headings that are told apart, by effort.
-const HEADINGS: u16 = 32;
+const HEADINGS: u16 = 24;
 const FINE_HEADINGS: u16 = 64;
 
 /// Side of the cells within which states are one, as a share of a step.
@@ -148,7 +148,8 @@ impl Arcs {
             return;
         };
         let key = self.key(at);
-        if self.best.get(&key).is_some_and(|&best_m| best_m <= cost_m + 1e-9) {
+        let enough_m = SAME_SHARE * self.length_m;
+        if self.best.get(&key).is_some_and(|&best_m| best_m <= cost_m + enough_m) {
             return;
         }
         self.best.insert(key, cost_m);
