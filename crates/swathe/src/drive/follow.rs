@@ -133,7 +133,9 @@ impl Navigator {
         if left_behind && is_as_good {
             return Threaded::Done;
         }
-        let wanted = self.on_leg(now);
+        // What would not be safe blocks as what stands in the way does.
+        let told = self.on_leg(now);
+        let wanted = self.guarded(now, told);
         if wanted == (0.0, 0.0) && now.speed_mps.abs() < ROLLS_MPS {
             let since_s = *self.thread.blocked_since_s.get_or_insert(now.time_s);
             if now.time_s - since_s > BLOCKED_S {
@@ -185,7 +187,6 @@ impl Navigator {
                 self.thread.search = None;
                 self.thread.failures = 0;
                 self.thread.goal_closed = false;
-                if std::env::var("DBG").is_ok() { eprintln!("{:.2} found {:?} at {:?} effort {:?} legs {} len {:.1} first {:?}", now.time_s, now.at(), now.pose.heading_rad, self.thread.effort, legs.len(), legs.iter().map(Leg::length_m).sum::<f64>(), legs.first());}
                 self.thread.legs = legs;
                 self.thread.leg = 0;
                 if self.thread.legs.is_empty() {
@@ -194,7 +195,6 @@ impl Navigator {
                     Threaded::On((0.0, 0.0))
                 }
             }
-            Threading::Nothing { goal_closed } if {if std::env::var("DBG").is_ok() { eprintln!("{:.2} nothing {:?} closed {}", now.time_s, self.thread.effort, goal_closed);} false} => {Threaded::Lost}
             Threading::Nothing { .. } if self.thread.effort != Effort::Tight => {
                 self.thread.search = None;
                 self.thread.effort = match self.thread.effort {
@@ -298,7 +298,9 @@ impl Navigator {
             if change_per_m > 1e-6 {
                 let calm_mps = (spin_radps2 * CHANGE_M / change_per_m).sqrt();
                 let braking_mps2 = CHANGE_SHARE * shape.braking_mps2;
-                led.speed_mps = led.speed_mps.min((calm_mps * calm_mps + 2.0 * braking_mps2 * ahead_m).sqrt());
+                led.speed_mps = led
+                    .speed_mps
+                    .min((calm_mps * calm_mps + 2.0 * braking_mps2 * ahead_m).sqrt());
                 let lead_m = 0.5 * now.speed_mps * now.speed_mps * change_per_m / spin_radps2;
                 if ahead_m < lead_m {
                     led.curvature_per_m = next_per_m;
@@ -368,7 +370,6 @@ impl Navigator {
             speed_mps = speed_mps.min(shape.speed_for(rest_m, 0.5 * braking_mps2, delay_s) + 0.03);
         }
         if free_m <= 0.0 || speed_mps < 0.01 {
-            if std::env::var("DBG").is_ok() { let f1=self.around.free_m(shape, steered, !backs, reach_m, |_,_|true); eprintln!("{:.2} blocked leg {}/{} backs {} len {:.2} along {:.2} left {:.2} off {:.2} curv {:.3} steered {:.3} free {:.3} free_unseen {:.3} speed {:.3} braking {} delay {}", now.time_s, self.thread.leg, self.thread.legs.len(), backs, length_m, along_m, left_m, off_rad, curvature, steered, free_m, f1, speed_mps, braking_mps2, delay_s);}
             return Some((0.0, 0.0));
         }
         Some((side * speed_mps, side * speed_mps * steered))

@@ -275,20 +275,6 @@ impl Navigator {
         self.begin_region(at);
         self.look(seen, &pose, step_s);
         self.take_reading(seen, at);
-        if let Ok(at) = std::env::var("DBGAT") {
-            let f: Vec<f64> = at.split(',').map(|x| x.parse().unwrap()).collect();
-            if seen.time_s > f[2] && seen.time_s < f[3] && (seen.time_s * 35.0).round() as i64 % 7 == 0 {
-                let mut near: Vec<(f64, f64)> = Vec::new();
-                for (&cell, &parts) in &self.met {
-                    for (x, y) in self.grid.places_of(cell, parts) {
-                        if (x - f[0]).hypot(y - f[1]) < 0.5 { near.push(((x - f[0]), (y - f[1]))); }
-                    }
-                }
-                near.sort_by(|a, b| a.0.hypot(a.1).total_cmp(&b.0.hypot(b.1)));
-                let c: Vec<_> = (-2..=2).map(|k| (-2..=2).map(|l| { let (r, q) = self.grid.cell_of(f[0], f[1]); self.grid.certainty_of((r + k, q + l)).map_or(-1, i32::from) }).collect::<Vec<_>>()).collect();
-                eprintln!("{:.2} away {:.2} met {} nearest {:.3?} certainty {:?}", seen.time_s, at.len() as f64 * 0.0 + Position::new(f[0], f[1]).distance_m(Position::new(pose.x_m, pose.y_m)), near.len(), near.first(), c);
-            }
-        }
         let answer = self.ask_grids(&pose);
         if let Some((status, reason)) = self.end {
             return stand(status, reason);

@@ -377,7 +377,8 @@ impl CertaintyGrid {
             }
             let index = self.wrapped((row, column));
             let is_told = self.evidence[index].level <= 0 || self.certainty[index] == UNSEEN || {
-                matches!(self.params.evidence, Evidence::Himm { .. }) || ray.passes((row, column), self.evidence[index].hits)
+                matches!(self.params.evidence, Evidence::Himm { .. })
+                    || ray.passes((row, column), self.evidence[index].hits)
             };
             if is_told {
                 self.count(index, (row, column), change);

@@ -111,7 +111,11 @@ impl Arcs {
         turn_radius_m: f64,
         effort: Effort,
     ) -> Self {
-        let headings = if effort == Effort::Tight { FINE_HEADINGS } else { HEADINGS };
+        let headings = if effort == Effort::Tight {
+            FINE_HEADINGS
+        } else {
+            HEADINGS
+        };
         let tightest_per_m = 1.0 / (WIDER * turn_radius_m);
         let length_m = (1.5 * field.size_m).max(1.1 * TAU / f64::from(headings) / tightest_per_m);
         Self {
@@ -202,9 +206,7 @@ impl Arcs {
         } else {
             TIGHT_FACTOR
         };
-        tight
-            * if backs { BACK_FACTOR } else { 1.0 }
-            * if field.is_known(index) { 1.0 } else { UNSEEN_FACTOR }
+        tight * if backs { BACK_FACTOR } else { 1.0 } * if field.is_known(index) { 1.0 } else { UNSEEN_FACTOR }
     }
 
     fn drive_from(&mut self, field: &Field, node: u32, now: &Node) {
