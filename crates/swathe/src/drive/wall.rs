@@ -97,16 +97,20 @@ impl Navigator {
         let free = arcs.find(|&curvature| is_free(curvature));
         if let Some(curvature) = free {
             let speed_mps = self.safe_mps(now, curvature, true).min(self.careful_mps());
-            if speed_mps > 0.0 {
+            let told = self.guarded(now, (speed_mps, curvature * speed_mps));
+            if told != (0.0, 0.0) {
                 self.walk.blocked_since_s = None;
-                return Along::On((speed_mps, curvature * speed_mps));
+                return Along::On(told);
             }
         }
         // Away from the wall in place, where the footprint is free to.
         let away_rad = -side * 0.6;
         if shape.turns_in_place() && self.around.turn_rad(shape, away_rad).abs() >= 0.1 {
-            self.walk.blocked_since_s = None;
-            return Along::On((0.0, -side * 0.5 * shape.max_turn_rate_radps));
+            let told = self.guarded(now, (0.0, -side * 0.5 * shape.max_turn_rate_radps));
+            if told != (0.0, 0.0) {
+                self.walk.blocked_since_s = None;
+                return Along::On(told);
+            }
         }
         self.walk.blocked_since_s.get_or_insert(now.time_s);
         Along::On((0.0, 0.0))
