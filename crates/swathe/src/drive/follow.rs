@@ -65,7 +65,7 @@ pub(super) struct Thread {
     /// Where the last search began.
     searched_at: Option<Position>,
     failed_s: Option<f64>,
-    /// How many in a row found nothing, and whether the last saw the goal closed in.
+    /// How many in a row came to nothing without headway, and whether the last saw the goal closed in.
     failures: u32,
     pub(super) goal_closed: bool,
     /// Where it began, and after how many metres the usual way is tried again: longer each time.
@@ -107,6 +107,7 @@ impl Navigator {
         self.thread = Thread {
             from: Some(at),
             leave_m,
+            searched_at: self.thread.searched_at,
             failed_s: self.thread.failed_s,
             failures: self.thread.failures,
             goal_closed: self.thread.goal_closed,
@@ -158,12 +159,10 @@ impl Navigator {
                 self.thread.failures += 1;
                 return Threaded::Lost;
             }
-            if self
-                .thread
-                .searched_at
-                .is_none_or(|then| then.distance_m(now.at()) > HEADWAY_M)
-            {
+            let gets_on = |then: Position| then.distance_m(now.at()) > HEADWAY_M;
+            if self.thread.searched_at.is_some_and(gets_on) {
                 self.thread.searches = 0;
+                self.thread.failures = 0;
             }
             self.thread.searched_at = Some(now.at());
             self.thread.searches += 1;
@@ -185,7 +184,6 @@ impl Navigator {
             Threading::On => Threaded::On((0.0, 0.0)),
             Threading::Found(legs) => {
                 self.thread.search = None;
-                self.thread.failures = 0;
                 self.thread.goal_closed = false;
                 self.thread.legs = legs;
                 self.thread.leg = 0;

@@ -11,9 +11,10 @@ use super::Known;
 /// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
 pub(super) const MARGIN_M: f64 = 0.06;
 
-/// How much nearer than now what is near may come, and how near at most.
+/// How much nearer than now what is near may come, and how near at most: no nearer than the drive lets it, or the first step of a
+/// way could not be driven.
 const SWING_M: f64 = 0.035;
-const LEAST_M: f64 = 0.025;
+const LEAST_M: f64 = 0.032;
 
 /// Within this many metres of the circle around the footprint ground costs more.
 const NEAR_M: f64 = 0.15;
