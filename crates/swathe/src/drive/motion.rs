@@ -251,11 +251,17 @@ impl Navigator {
     pub(super) fn guarded(&self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
         let moves = (now.speed_mps, now.turn_rate_radps);
         let told_s = now.age_s + 2.0 * now.step_s.min(0.5);
-        [1.0, 0.5, 0.25]
-            .map(|share| (share * wanted.0, share * wanted.1))
-            .into_iter()
-            .find(|&told| self.around.stays_clear(&self.shape, moves, told, told_s))
-            .unwrap_or((0.0, 0.0))
+        let clears = |told: (f64, f64), told_s: f64| self.around.stays_clear(&self.shape, moves, told, told_s);
+        let slower = [1.0, 0.5, 0.25].map(|share| (share * wanted.0, share * wanted.1));
+        if let Some(told) = slower.into_iter().find(|&told| clears(told, told_s)) {
+            return told;
+        }
+        // The last command was found clear with a stop after one more step of it, not with one at once.
+        let last = (self.last_command.speed_mps, self.last_command.turn_rate_radps);
+        if !clears((0.0, 0.0), 0.0) && clears(last, 0.5 * told_s) {
+            return last;
+        }
+        (0.0, 0.0)
     }
 
     /// Metres along an arc before the middle of the robot would come onto ground that the map forbids, or its wheels onto slopes
