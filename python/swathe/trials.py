@@ -55,6 +55,9 @@ _BLOCK = 1 << 22
 #: Free space: nothing, and not the goal, nearer to the footprint than the vehicle's stopping distance and so much more.
 _FREE_BEYOND_M = 2.0
 
+#: Seconds after which a drive is over, in a world of the usual scale; or so many times the shortest way at full speed.
+_LIMIT_S, _LIMIT_FACTOR = 1800.0, 20.0
+
 #: Seconds between two looks at where the robot is and how fast.
 _LOOK_S = 0.2
 
@@ -204,7 +207,7 @@ def run_one(trial: Trial) -> Row:
         return Row(**known, shortest_m=None, fastest_s=None, status="not_passable")
     fastest_s = shortest_m / vehicle.max_speed_mps
     begun_s = time.process_time()
-    episode, _, robot = _begin(trial, records=False, time_limit_s=max(900.0 * scale_of(vehicle), 20.0 * fastest_s))
+    episode, _, robot = _begin(trial, records=False, time_limit_s=max(_LIMIT_S * scale_of(vehicle), _LIMIT_FACTOR * fastest_s))
     collision: dict[str, Any] = {}
     recoveries = 0
     looks: list[sim.State] = []

@@ -256,9 +256,10 @@ impl Navigator {
         if let Some(told) = slower.into_iter().find(|&told| clears(told, told_s)) {
             return told;
         }
-        // The last command was found clear with a stop after one more step of it, not with one at once.
+        // The last command was found clear with a stop after one more step of it, not with one at once. What moves is another thing:
+        // for it a stop is the best.
         let last = (self.last_command.speed_mps, self.last_command.turn_rate_radps);
-        if !clears((0.0, 0.0), 0.0) && clears(last, 0.5 * told_s) {
+        if wanted != (0.0, 0.0) && !clears((0.0, 0.0), 0.0) && clears(last, 0.5 * told_s) {
             return last;
         }
         (0.0, 0.0)

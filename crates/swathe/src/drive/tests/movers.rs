@@ -198,7 +198,7 @@ fn meeting(vehicle: &Vehicle, walks_mps: f64, course_rad: f64, at_s: f64) -> (f6
     let (mut pose, mut speed_mps, mut turn_radps) = (Pose::default(), 0.0, 0.0);
     let mut least_m = f64::INFINITY;
     let mut status = Status::Driving;
-    for k in 0..(60.0 / STEP_S) as usize {
+    for k in 0..(120.0 / STEP_S) as usize {
         let time_s = k as f64 * STEP_S;
         // He is in the middle of the way at that time.
         let (x_m, y_m) = (

@@ -4,12 +4,13 @@ use proptest::prelude::*;
 use rstest::rstest;
 
 use super::world::vehicle;
-use crate::drive::DriveParams;
 use crate::drive::memory::{Memory, Seen};
+use crate::drive::motion::Now;
 use crate::drive::params::Shape;
 use crate::drive::safety::Surroundings;
 use crate::drive::thread::{Effort, Leg, Met, Search, Threading, after};
 use crate::drive::watch::Watch;
+use crate::drive::{DriveParams, Navigator};
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::sensor::{Pose, wrap};
@@ -279,4 +280,78 @@ fn a_drive_that_comes_to_the_same_places_again_and_again_is_noticed() {
     assert!(rounds > 2.5, "{rounds}");
     watch.forget_places();
     assert!(!watch.goes_round());
+}
+
+#[test]
+fn a_vehicle_with_a_turning_circle_keeps_room_beside_it() {
+    // The straight way along the wall is the shortest, but nobody could turn off it.
+    let shape = shape(0.8);
+    let start = Pose::level(0.0, 0.0, 0.0);
+    let wall_m = shape.half_width_m + 0.09;
+    let wall = line((2.0, wall_m), (12.0, wall_m));
+    let Told::Way(legs) = search(&shape, &wall, &start, (9.0, 0.0), Effort::Usual) else {
+        panic!("the ground is open");
+    };
+    let way = poses(&start, &legs);
+    let close = way.iter().filter(|&&pose| room_m(&shape, pose, &wall) < 0.2).count();
+    assert!(close < way.len() / 3, "{close} of {}", way.len());
+}
+
+#[test]
+fn a_vehicle_backs_only_where_it_saw_the_ground_itself() {
+    // The memory knows the ground by coarser cells than the certainty grid, which has seen nothing here.
+    let shape = shape(0.8);
+    let start = Pose::level(0.0, 0.0, 0.0);
+    let ahead = line((shape.half_length_m + 0.3, -3.0), (shape.half_length_m + 0.3, 3.0));
+    assert!(matches!(
+        search(&shape, &ahead, &start, (-4.0, 0.0), Effort::Tight),
+        Told::None { .. }
+    ));
+}
+
+#[test]
+fn a_command_is_kept_to_where_a_stop_at_once_would_touch() {
+    let shape = shape(0.0);
+    let limits = Shape {
+        braking_mps2: 1.0,
+        acceleration_mps2: 2.0,
+        ..shape
+    };
+    let moves = (1.0, 1.5);
+    let told = (1.0, 3.0);
+    let mut kept = 0;
+    for k in 0..400 {
+        let place = (0.7 + 0.004 * f64::from(k % 100), -0.3 + 0.2 * f64::from(k / 100));
+        let there = around(place, &limits);
+        if there.stays_clear(&limits, moves, (0.0, 0.0), 0.0) || !there.stays_clear(&limits, moves, told, 0.05) {
+            continue;
+        }
+        let mut navigator = Navigator::new(
+            &vehicle(0.99, 0.67, 1.0, 0.0),
+            Position::new(9.0, 0.0),
+            None,
+            DriveParams::default(),
+        )
+        .expect("plain figures");
+        navigator.shape = limits;
+        navigator.around = there;
+        navigator.last_command.speed_mps = told.0;
+        navigator.last_command.turn_rate_radps = told.1;
+        let now = Now {
+            time_s: 1.0,
+            step_s: 0.05,
+            age_s: 0.0,
+            pose: Pose::level(0.0, 0.0, 0.0),
+            speed_mps: moves.0,
+            turn_rate_radps: moves.1,
+            scan: None,
+            answer: None,
+            aim: Position::new(9.0, 0.0),
+        };
+        // Straight on is no way to go either.
+        if navigator.guarded(&now, (1.0, 0.0)) == told {
+            kept += 1;
+        }
+    }
+    assert!(kept > 0);
 }

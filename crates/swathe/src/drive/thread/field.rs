@@ -426,3 +426,52 @@ impl Field {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Met;
+    use super::*;
+    use crate::drive::memory::Memory;
+    use crate::local::{CertaintyGrid, CertaintyParams};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn discs_tell_what_the_points_do(
+            cells in prop::collection::vec((-30..30_i64, -30..30_i64, 0..64_u32), 1..30),
+            poses in prop::collection::vec((-2.5..2.5_f64, -2.5..2.5_f64, -3.1..3.1_f64), 40),
+            (half_length_m, half_width_m) in (0.2..1.2_f64, 0.2..0.6_f64), turn_radius_m in prop::sample::select(vec![0.0, 2.0]),
+        ) {
+            let shape = Shape {
+                half_length_m,
+                half_width_m,
+                radius_m: half_length_m.hypot(half_width_m),
+                max_speed_mps: 2.0,
+                max_turn_rate_radps: 1.0,
+                turn_radius_m,
+                reaction_s: 0.2,
+                braking_friction: 0.6,
+                braking_mps2: 1.0,
+                acceleration_mps2: 1.0,
+            };
+            let grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
+            let memory = Memory::new(0.2, 100);
+            let mut met = Met::new();
+            for (row, column, part) in cells {
+                *met.entry((row, column)).or_default() |= 1_u64 << part;
+            }
+            let (start, goal) = (Pose::level(0.0, 0.0, 0.3), Position::new(1.0, 1.0));
+            let mut field = Field::new((&met, &memory, &grid), &shape, &start, (goal, 0.3), (MARGIN_M, 64));
+            while !field.lay_on(1000) {}
+            for (x_m, y_m, heading_rad) in poses {
+                let (sin, cos) = heading_rad.sin_cos();
+                let expected = field.points.iter().all(|&(px, py, margin_m)| {
+                    let (dx, dy) = (px - x_m, py - y_m);
+                    let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
+                    (ahead.abs() - half_length_m).max(left.abs() - half_width_m) >= margin_m
+                });
+                prop_assert_eq!(field.is_free((x_m, y_m, heading_rad)), expected);
+            }
+        }
+    }
+}

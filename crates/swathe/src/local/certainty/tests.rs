@@ -167,3 +167,59 @@ proptest! {
         prop_assert!(window.iter().all(|&certainty| certainty <= CERTAINTY_MAX));
     }
 }
+
+#[test]
+fn a_corner_stays_when_beams_cross_the_rest_of_its_cell() {
+    let mut grid = grid(Evidence::default(), f64::INFINITY);
+    let met = Pose::level(0.05, 0.015, 0.0);
+    for _ in 0..10 {
+        look(&mut grid, &met, &beam(1.0));
+    }
+    let sure = grid.certainty_at(1.05, 0.05);
+    assert_eq!(sure, Some(14));
+    // Seven centimetres beside it the way is free.
+    for _ in 0..30 {
+        look(&mut grid, &Pose::level(0.05, 0.085, 0.0), &beam(1.5));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), sure);
+    // Through the place itself it is not there any more.
+    for _ in 0..9 {
+        look(&mut grid, &met, &beam(1.5));
+    }
+    assert_eq!(grid.certainty_at(1.05, 0.05), Some(0));
+}
+
+proptest! {
+    #[test]
+    fn what_goes_away_is_forgotten_by_a_sensor_that_stands_still(x_m in 0.6..1.6_f64, y_m in -1.2..1.2_f64, radius_m in 0.1..0.3_f64) {
+        let mut grid = grid(Evidence::default(), f64::INFINITY);
+        let pose = Pose::level(0.05, 0.05, 0.0);
+        let beams = 181;
+        let mut fan = Scan {
+            angle_min_rad: -PI / 2.0,
+            angle_increment_rad: PI / 180.0,
+            ..beam(1.0)
+        };
+        let there = |k: usize| {
+            let (sin, cos) = (-PI / 2.0 + PI / 180.0 * k as f64).sin_cos();
+            let (dx, dy) = (x_m - 0.05, y_m - 0.05);
+            let (along, aside) = (dx * cos + dy * sin, dy * cos - dx * sin);
+            if aside.abs() < radius_m && along > 0.0 {
+                along - (radius_m * radius_m - aside * aside).sqrt()
+            } else {
+                f64::INFINITY
+            }
+        };
+        fan.ranges_m = (0..beams).map(there).collect();
+        for _ in 0..10 {
+            look(&mut grid, &pose, &fan);
+        }
+        prop_assert!(grid.seen().any(|(_, _, certainty)| certainty >= 6));
+        fan.ranges_m = vec![f64::INFINITY; beams];
+        for _ in 0..12 {
+            look(&mut grid, &pose, &fan);
+        }
+        let left: Vec<_> = grid.seen().filter(|&(_, _, certainty)| certainty >= 3).collect();
+        prop_assert!(left.is_empty(), "{left:?}");
+    }
+}
