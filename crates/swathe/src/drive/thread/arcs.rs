@@ -10,7 +10,7 @@ use super::field::Field;
 use super::{BACK_FACTOR, Effort, Leg, NEAR_FACTOR, Progress, UNSEEN_FACTOR, WEIGHT, after};
 
 /// States that are looked at in one step of the navigator, and in all.
-const WORK_PER_STEP: usize = 1500;
+const WORK_PER_STEP: usize = 800;
 const MOST_STATES: usize = 600_000;
 
 /// Turning back costs as much as this many radii of the footprint.

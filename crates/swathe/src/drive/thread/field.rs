@@ -1,9 +1,10 @@
 //! What was met around robot and goal, on a lattice through the robot's place.
 
 use crate::grid::Position;
+use crate::local::CertaintyGrid;
 use crate::sensor::Pose;
 
-use super::super::memory::Seen;
+use super::super::memory::{Memory, Seen};
 use super::super::params::Shape;
 use super::super::safety::was_seen;
 use super::Known;
@@ -139,16 +140,7 @@ impl Field {
             within: [-1.0, 0.0, 1.0].map(|side| side * (shape.half_length_m - shape.half_width_m).max(0.0)),
         };
         field.place(met, grid, pose);
-        let finely_m = FINELY_RADII * shape.radius_m;
-        for row in 0..rows {
-            for column in 0..columns {
-                let (x_m, y_m) = field.middle((row, column));
-                let is_known = memory.get(memory.cell_of(x_m, y_m)) != Seen::Unknown;
-                let is_here = (x_m - pose.x_m).abs().max((y_m - pose.y_m).abs()) < finely_m;
-                // What is driven next must be as the drive itself will see it.
-                field.known[(row * columns + column) as usize] = is_known && (!is_here || was_seen(grid, x_m, y_m));
-            }
-        }
+        field.note_known(memory, grid, pose);
         let near = (near_goal_m / size_m).ceil() as i64 + 1;
         let there = (there.0 - first_row, there.1 - first_column);
         for row in there.0 - near..=there.0 + near {
@@ -165,8 +157,28 @@ impl Field {
         field
     }
 
+    /// Notes what was seen; around the robot as the drive itself will see it, which is driven next.
+    fn note_known(&mut self, memory: &Memory, grid: &CertaintyGrid, pose: &Pose) {
+        let (first_row, first_column) = memory.cell_of(self.origin.0, self.origin.1);
+        let side_m = self.rows.max(self.columns) as f64 * self.size_m;
+        let side = (side_m / memory.cell_size_m).ceil() as usize + 2;
+        let mut seen = Vec::new();
+        memory.copy_square((first_row, first_column), side, &mut seen);
+        let finely_m = FINELY_RADII * self.radius_m;
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let (x_m, y_m) = self.middle((row, column));
+                let (down, right) = memory.cell_of(x_m, y_m);
+                let place = (down - first_row) as usize * side + (right - first_column) as usize;
+                let is_here = (x_m - pose.x_m).abs().max((y_m - pose.y_m).abs()) < finely_m;
+                self.known[(row * self.columns + column) as usize] =
+                    seen[place] != Seen::Unknown && (!is_here || was_seen(grid, x_m, y_m));
+            }
+        }
+    }
+
     /// Sorts what was met into the cells.
-    fn place(&mut self, met: &super::Met, grid: &crate::local::CertaintyGrid, pose: &Pose) {
+    fn place(&mut self, met: &super::Met, grid: &CertaintyGrid, pose: &Pose) {
         let (sin, cos) = pose.heading_rad.sin_cos();
         let mut placed: Vec<(u32, (f64, f64, f64))> = Vec::new();
         for (&cell, &parts) in met {
@@ -431,8 +443,7 @@ impl Field {
 mod tests {
     use super::super::Met;
     use super::*;
-    use crate::drive::memory::Memory;
-    use crate::local::{CertaintyGrid, CertaintyParams};
+    use crate::local::CertaintyParams;
     use proptest::prelude::*;
 
     proptest! {
