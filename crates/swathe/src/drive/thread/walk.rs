@@ -31,8 +31,9 @@ const AXES: [(i64, i64); 16] = [
 ];
 const COUNT: usize = AXES.len();
 
-/// States that are looked at in one step of the navigator.
+/// States that are looked at in one step of the navigator, and for how many one counts whose slants are looked at.
 const WORK_PER_STEP: usize = 6000;
+const SLANT_WORK: usize = 6;
 
 /// A turn costs as much as this many radii of the footprint by radian, and a little by itself.
 const TURN_RADII: f64 = 0.5;
@@ -62,6 +63,8 @@ const RIGHT: u8 = 3;
 const BEGIN: u8 = 4;
 /// And by slants from here on: which, backwards or not, to the right or not.
 const SLANT: u8 = 5;
+/// Bit of one that was looked at: with a weighted bound, to look again at what was reached more cheaply later would take for ever.
+const DONE: u8 = 0x80;
 
 fn axis_rad(axis: usize) -> f64 {
     let (east, north) = AXES[axis % COUNT];
@@ -141,7 +144,8 @@ impl Walk {
         let Some(to_go_m) = field.to_go_m(index) else { return };
         let cost = before.saturating_add((by_m * UNITS) as u32 + 1);
         let state = index * COUNT + axis;
-        if self.best[state] != 0 && self.best[state] <= cost {
+        let is_done = self.from[state] & DONE != 0;
+        if is_done || (self.best[state] != 0 && self.best[state] <= cost) {
             return;
         }
         self.best[state] = cost;
@@ -181,16 +185,19 @@ impl Walk {
 
     /// Goes on.
     pub fn go_on(&mut self, field: &Field) -> Progress {
-        for _ in 0..WORK_PER_STEP {
+        let mut work = 0;
+        while work < WORK_PER_STEP {
+            work += 1;
             let Some(Reverse((bound, state))) = self.open.pop() else {
                 return Progress::Exhausted;
             };
             let (index, axis) = (state as usize / COUNT, state as usize % COUNT);
             let cost = self.best[state as usize];
             let to_go_m = field.to_go_m(index).unwrap_or(0.0);
-            if bound > cost.saturating_add((WEIGHT * to_go_m * UNITS) as u32) {
+            if bound > cost.saturating_add((WEIGHT * to_go_m * UNITS) as u32) || self.from[state as usize] & DONE != 0 {
                 continue;
             }
+            self.from[state as usize] |= DONE;
             let cell = (index as i64 / field.columns, index as i64 % field.columns);
             let (x_m, y_m) = field.middle(cell);
             if Position::new(x_m, y_m).distance_m(self.goal) <= self.near_goal_m {
@@ -227,6 +234,7 @@ impl Walk {
             let mask = self.mask(field, index);
             if mask >> (COUNT / 2) & 0xff != 0xff {
                 self.slant(field, cell, axis, cost);
+                work += SLANT_WORK;
             }
             for (to, turn, how) in [
                 ((axis + 1) % COUNT, axis % (COUNT / 2), LEFT),
@@ -281,7 +289,7 @@ impl Walk {
         let mut steps = Vec::new();
         let mut state = last;
         loop {
-            let how = self.from[state];
+            let how = self.from[state] & !DONE;
             steps.push((state, how));
             let (index, axis) = (state / COUNT, state % COUNT);
             let (east, north) = AXES[axis];
