@@ -99,7 +99,8 @@ pub(super) struct Arcs {
     length_m: f64,
     same_m: f64,
     nodes: Vec<Node>,
-    best: HashMap<Key, f64>,
+    /// Least cost of each state, and whether it was looked at.
+    best: HashMap<Key, (f64, bool)>,
     open: BinaryHeap<Open>,
 }
 
@@ -153,10 +154,11 @@ impl Arcs {
         };
         let key = self.key(at);
         let enough_m = SAME_SHARE * self.length_m;
-        if self.best.get(&key).is_some_and(|&best_m| best_m <= cost_m + enough_m) {
+        let is_as_good = |&(best_m, is_done): &(f64, bool)| is_done || best_m <= cost_m + enough_m;
+        if self.best.get(&key).is_some_and(is_as_good) {
             return;
         }
-        self.best.insert(key, cost_m);
+        self.best.insert(key, (cost_m, false));
         self.open.push(Open {
             bound_m: cost_m + WEIGHT * to_go_m,
             node: self.nodes.len() as u32,
@@ -177,8 +179,12 @@ impl Arcs {
                 return Progress::Exhausted;
             };
             let now = self.nodes[node as usize];
-            let best_m = self.best.get(&self.key(now.at));
-            if best_m.is_some_and(|&best_m| best_m < now.cost_m - 1e-9) {
+            let key = self.key(now.at);
+            if self
+                .best
+                .insert(key, (now.cost_m, true))
+                .is_some_and(|(_, is_done)| is_done)
+            {
                 continue;
             }
             if Position::new(now.at.0, now.at.1).distance_m(self.goal) <= self.near_goal_m {
