@@ -207,7 +207,8 @@ def run_one(trial: Trial) -> Row:
         return Row(**known, shortest_m=None, fastest_s=None, status="not_passable")
     fastest_s = shortest_m / vehicle.max_speed_mps
     begun_s = time.process_time()
-    episode, _, robot = _begin(trial, records=False, time_limit_s=max(_LIMIT_S * scale_of(vehicle), _LIMIT_FACTOR * fastest_s))
+    limit_s = max(_LIMIT_S * scale_of(vehicle), _LIMIT_FACTOR * fastest_s)
+    episode, _, robot = _begin(trial, records=False, time_limit_s=limit_s)
     collision: dict[str, Any] = {}
     recoveries = 0
     looks: list[sim.State] = []
