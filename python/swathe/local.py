@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, cast
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 import numpy as np
 
@@ -14,12 +14,20 @@ from swathe.errors import InvalidParameterError, ShapeMismatchError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from swathe.sensor import Scan
+    from swathe.sensor import Pose, Scan
 
 CERTAINTY_MAX = 15
 """Greatest certainty that an obstacle stands in a cell."""
 
 _DIMENSIONS = 3
+
+PlayerState = Literal["driving", "escaping", "turning", "there"]
+"""What Player's driver is doing."""
+
+_PLAYER_STATES: tuple[PlayerState, ...] = get_args(PlayerState)
+
+_WIDEST_WINDOW = 255
+_WIDEST_SECTOR_DEG = 90.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,18 +125,152 @@ class VfhPlus:
         return self._core.histogram()
 
 
-class PlayerVfh:
-    """The method with the parameters and the behaviour of Player's ``vfh`` driver."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayerParams:
+    """Parameters of Player's ``vfh`` driver by its names, in its units: metres, seconds and degrees.
 
-    def __init__(self, *, robot_radius_m: float = 0.25) -> None:
-        """Make the method at rest, with the driver's default parameters.
+    Where None is the default, the value is that of the parameter which the driver takes instead: ``_1ms`` (at 1 m/s,
+    linear between) that of ``_0ms``, speeds in openings ``max_speed``, ``obs_cutoff_0ms`` ``free_space_cutoff_0ms``.
+    Source: Player's manual, driver vfh.
+
+    Attributes:
+        cell_size: side of a cell.
+        window_diameter: cells along the window's side; made odd.
+        sector_angle: of the histogram.
+        safety_dist_0ms: distance kept from obstacles at rest.
+        max_speed: greatest speed, that in openings below 80 degrees, and in wider ones.
+        max_acceleration: by which the speed rises.
+        min_turnrate: of turns in place at the goal.
+        max_turnrate_0ms: greatest turn rate at rest.
+        min_turn_radius_safety_factor: by which the least circle is wider.
+        free_space_cutoff_0ms: density below which a sector opens.
+        obs_cutoff_0ms: density above which a sector closes.
+        weight_desired_dir: of the way off the goal.
+        weight_current_dir: of the way off the last direction.
+        distance_epsilon: nearer to the goal is there.
+        angle_epsilon: less off the goal's heading is in it.
+        escape_speed: driven where every direction is closed; none without, nor without a time.
+        escape_time: for so long.
+        escape_max_turnspeed: each escape turns by chance, to either side and no faster.
+    """
+
+    cell_size: float = 0.1
+    window_diameter: int = 61
+    sector_angle: float = 5.0
+    safety_dist_0ms: float = 0.1
+    safety_dist_1ms: float | None = None
+    max_speed: float = 0.2
+    max_speed_narrow_opening: float | None = None
+    max_speed_wide_opening: float | None = None
+    max_acceleration: float = 0.2
+    min_turnrate: float = 10.0
+    max_turnrate_0ms: float = 40.0
+    max_turnrate_1ms: float | None = None
+    min_turn_radius_safety_factor: float = 1.0
+    free_space_cutoff_0ms: float = 2_000_000.0
+    free_space_cutoff_1ms: float | None = None
+    obs_cutoff_0ms: float | None = None
+    obs_cutoff_1ms: float | None = None
+    weight_desired_dir: float = 5.0
+    weight_current_dir: float = 3.0
+    distance_epsilon: float = 0.5
+    angle_epsilon: float = 10.0
+    escape_speed: float = 0.0
+    escape_time: float = 0.0
+    escape_max_turnspeed: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every figure.
+
+        Raises:
+            InvalidParameterError: a figure is outside its range.
+        """
+        above = ("cell_size", "max_speed", "max_acceleration", "max_turnrate_0ms")
+        for field in fields(self):
+            given = getattr(self, field.name)
+            if given is None:
+                continue
+            least = -math.inf if field.name == "escape_speed" else 0.0
+            allowed = f"above {least:g}" if field.name in above else f"at least {least:g}"
+            fits = math.isfinite(given) and (given > least if field.name in above else given >= least)
+            if field.name == "window_diameter":
+                fits, allowed = 3 <= given <= _WIDEST_WINDOW, f"3 to {_WIDEST_WINDOW} cells"
+            elif field.name == "sector_angle":
+                fits, allowed = 0.1 <= given <= _WIDEST_SECTOR_DEG, f"0.1 to {_WIDEST_SECTOR_DEG:g} degrees"
+            if not fits:
+                raise InvalidParameterError(
+                    f"Player's {field.name} of {given} is not usable.", f"It must be {allowed}, and finite."
+                )
+
+    def figures(self) -> tuple[list[float], list[list[float]]]:
+        """Return the core's figures and its pairs at 0 and 1 m/s, in SI units."""
+        narrow, wide = self.max_speed_narrow_opening, self.max_speed_wide_opening
+        obs = self.free_space_cutoff_0ms if self.obs_cutoff_0ms is None else self.obs_cutoff_0ms
+        pairs = [
+            (self.safety_dist_0ms, self.safety_dist_1ms),
+            (self.max_turnrate_0ms, self.max_turnrate_1ms),
+            (self.free_space_cutoff_0ms, self.free_space_cutoff_1ms),
+            (obs, self.obs_cutoff_1ms),
+        ]
+        both = [[slow, slow if fast is None else fast] for slow, fast in pairs]
+        both[1] = [math.radians(rate) for rate in both[1]]
+        figures = [
+            self.cell_size,
+            self.sector_angle,
+            self.max_speed,
+            self.max_speed if narrow is None else narrow,
+            self.max_speed if wide is None else wide,
+            self.max_acceleration,
+            math.radians(self.min_turnrate),
+            self.min_turn_radius_safety_factor,
+            self.weight_desired_dir,
+            self.weight_current_dir,
+            self.distance_epsilon,
+            math.radians(self.angle_epsilon),
+            self.escape_speed,
+            self.escape_time,
+            math.radians(self.escape_max_turnspeed),
+        ]
+        return figures, both
+
+
+class PlayerVfh:
+    """The method and the driver with the parameters and the behaviour of Player's ``vfh`` driver."""
+
+    def __init__(self, params: PlayerParams | None = None, *, robot_radius_m: float = 0.25, seed: int = 0) -> None:
+        """Make the method at rest, with the driver's default parameters if none are given.
+
+        Args:
+            params: the driver's parameters.
+            robot_radius_m: the driver takes half the longer side of the base.
+            seed: draws the turns of escapes.
 
         Raises:
             InvalidParameterError: the radius is not above 0.
         """
         if not 0 < robot_radius_m < math.inf:
             raise InvalidParameterError(f"A radius of {robot_radius_m} m is not usable.", "It must be above 0.")
-        self._core = _core.PlayerVfh(robot_radius_m)
+        params = params or PlayerParams()
+        figures, pairs = params.figures()
+        self._core = _core.PlayerVfh(robot_radius_m, params.window_diameter, figures, pairs, seed)
+
+    def drive(
+        self, scan: Scan, pose: Pose, speed_mps: float, goal: Pose, step_s: float
+    ) -> tuple[float, float, PlayerState]:
+        """Return speed, turn rate and what the driver does on the way from a pose to a place and a heading there.
+
+        Raises:
+            InvalidParameterError: a figure is not finite.
+            UsageError: the scan is not usable.
+        """
+        if not all(map(math.isfinite, (*_at(pose), *_at(goal), speed_mps, step_s))):
+            raise InvalidParameterError(
+                "A figure of the drive is not finite.", "Give poses, speed and step as numbers."
+            )
+        fan = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m)
+        ranges_m = np.asarray(scan.ranges_m, dtype=np.float64).tolist()
+        speed, turn, _, state = self._core.drive(ranges_m, fan, _at(pose), speed_mps, _at(goal), step_s)
+        return speed, turn, _PLAYER_STATES[state]
 
     def update(self, scan: Scan, speed_mps: float, goal_rad: float, step_s: float) -> tuple[float, float, float]:
         """Return speed, turn rate and direction off the nose for a scan and the goal's direction off the nose.
@@ -152,3 +294,7 @@ class PlayerVfh:
     def histogram(self) -> NDArray[np.float64]:
         """Return the density of every sector in the last step, from the nose on counter-clockwise."""
         return cast("NDArray[np.float64]", self._core.histogram())
+
+
+def _at(pose: Pose) -> tuple[float, float, float]:
+    return pose.x_m, pose.y_m, pose.heading_rad

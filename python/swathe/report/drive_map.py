@@ -215,8 +215,9 @@ def _facts(drive: Drive) -> list[str]:
     _, clearance = drive.clearance_true_m
     if np.isfinite(clearance).any():
         facts.append(f"Nearest to an obstacle {clearance.min():.2f} m.")
-    if drive.log.ways:
-        facts.append(f"The local way changed {len(drive.log.ways):,} times.")
+    replans = sum(event.kind == "route" for event in drive.log.events)
+    if replans:
+        facts.append(f"The local route was laid {replans:,} times.")
     way = last_before(drive.log.routes, drive.end_s)
     if way is not None and len(drive.log.routes) > 1:
         facts.append(f"The global route was laid {len(drive.log.routes):,} times.")

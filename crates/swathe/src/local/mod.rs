@@ -2,13 +2,14 @@
 //!
 //! The family of the vector field histogram, one file each with the symbols of its paper: [`Vfh`] (Borenstein and Koren
 //! 1991), [`VfhPlus`] (Ulrich and Borenstein 1998), [`VfhStar`] (Ulrich and Borenstein 2000), and [`PlayerVfh`], a set of
-//! parameters by the names of Player's `vfh` driver that behaves as that driver does.
+//! parameters by the names of Player's `vfh` driver that behaves as that driver does; [`PlayerDriver`] is the driver around it.
 //!
 //! Directions are counter-clockwise from east, as everywhere; windows are squares of certainties (0 to 15), row by row from
 //! the north-west, with the robot in the cell in the middle.
 
 mod certainty;
 mod player;
+mod player_driver;
 mod polar;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ mod vfh_star;
 
 pub use certainty::{CERTAINTY_MAX, CertaintyGrid, CertaintyParams, Evidence};
 pub use player::{PlayerParams, PlayerSteering, PlayerVfh};
+pub use player_driver::{PlayerDriver, PlayerState};
 /// What a map says of the ground in a direction (counter-clockwise from east): its mean expected goodness, 1 to 5, over the
 /// first metres.
 pub type Goodness<'a> = &'a dyn Fn(f64) -> f64;

@@ -30,6 +30,8 @@ pub struct PlayerParams {
     pub max_speed_wide_opening_mps: f64,
     /// `max_acceleration` in m/s².
     pub max_acceleration_mps2: f64,
+    /// `min_turnrate` in rad/s, for turns in place at the goal.
+    pub min_turnrate_radps: f64,
     /// `max_turnrate_0ms`, `max_turnrate_1ms` in rad/s.
     pub max_turnrate_radps: [f64; 2],
     /// `min_turn_radius_safety_factor`.
@@ -42,6 +44,16 @@ pub struct PlayerParams {
     pub weight_desired_dir: f64,
     /// `weight_current_dir`.
     pub weight_current_dir: f64,
+    /// `distance_epsilon` in metres: nearer to the goal is there.
+    pub distance_epsilon_m: f64,
+    /// `angle_epsilon` in radians: less off the goal's heading is in it.
+    pub angle_epsilon_rad: f64,
+    /// `escape_speed` in m/s, driven where every direction is closed; none without.
+    pub escape_speed_mps: f64,
+    /// `escape_time` in seconds, and none without.
+    pub escape_time_s: f64,
+    /// `escape_max_turnspeed` in rad/s: each escape turns by chance, to either side and no faster.
+    pub escape_max_turnspeed_radps: f64,
     /// Degrees off the goal that count as much as a class of goodness that the ground lacks; not the driver's.
     pub ground_deg: f64,
     /// Robot radius in metres; the driver takes half the longer side of the base.
@@ -60,12 +72,18 @@ impl Default for PlayerParams {
             max_speed_narrow_opening_mps: 0.2,
             max_speed_wide_opening_mps: 0.2,
             max_acceleration_mps2: 0.2,
+            min_turnrate_radps: 10f64.to_radians(),
             max_turnrate_radps: [turn, turn],
             min_turn_radius_safety_factor: 1.0,
             free_space_cutoff: [2e6, 2e6],
             obs_cutoff: [2e6, 2e6],
             weight_desired_dir: 5.0,
             weight_current_dir: 3.0,
+            distance_epsilon_m: 0.5,
+            angle_epsilon_rad: 10f64.to_radians(),
+            escape_speed_mps: 0.0,
+            escape_time_s: 0.0,
+            escape_max_turnspeed_radps: 0.0,
             ground_deg: 2.0,
             robot_radius_m: 0.25,
         }
