@@ -9,7 +9,7 @@ use crate::sensor::{Pose, wrap};
 use super::motion::{Now, ROLLS_MPS};
 use super::navigator::Navigator;
 use super::params::Shape;
-use super::safety::{Sight, along};
+use super::safety::Sight;
 use super::tracks::Mover;
 
 /// Seconds that are looked ahead, in steps that grow from the first to the second after a second.
@@ -107,10 +107,13 @@ pub(super) fn cost(
     movers: &[Mover],
     shape: &Shape,
     pose: &Pose,
-    speed_mps: f64,
+    (speed_mps, turn_rate_radps): (f64, f64),
     braking_mps2: f64,
     plan: &Plan,
 ) -> (f64, (f64, f64)) {
+    // Wheels come to an arc by and by, too.
+    let spin_radps2 = shape.acceleration_mps2 / shape.half_width_m;
+    let mut turns_radps = turn_rate_radps;
     let (mut ahead_m, mut left_m, mut heading_rad) = (0.0, 0.0, 0.0_f64);
     let (mut rolls_mps, mut turn_rad, mut way_m) = (speed_mps, plan.turn_rad, plan.way_m);
     let (sin, cos) = pose.heading_rad.sin_cos();
@@ -160,11 +163,26 @@ pub(super) fn cost(
             let most = step_s * if slower { braking_mps2 } else { shape.acceleration_mps2 };
             from + (to - from).clamp(-most, most)
         };
+        let rolled_mps = rolls_mps;
+        let mut roll = |rolls_mps: f64, turned_rad: f64| {
+            let (sin, cos) = (heading_rad + turned_rad / 2.0).sin_cos();
+            ahead_m += rolls_mps * step_s * cos;
+            left_m += rolls_mps * step_s * sin;
+            heading_rad += turned_rad;
+        };
+        // Who brakes stays on his arc.
+        let braked = |rolls_mps: f64| {
+            if rolled_mps.abs() > ROLLS_MPS {
+                rolls_mps / rolled_mps
+            } else {
+                0.0
+            }
+        };
         if turn_rad != 0.0 {
             if rolls_mps.abs() > ROLLS_MPS {
                 rolls_mps = towards(rolls_mps, 0.0);
-                ahead_m += rolls_mps * step_s * cos;
-                left_m += rolls_mps * step_s * sin;
+                turns_radps *= braked(rolls_mps);
+                roll(rolls_mps, turns_radps * step_s);
                 continue;
             }
             rolls_mps = 0.0;
@@ -176,10 +194,13 @@ pub(super) fn cost(
         let left_mps = (2.0 * braking_mps2 * way_m).sqrt();
         let wanted_mps = plan.speed_mps.abs().min(left_mps).copysign(plan.speed_mps);
         rolls_mps = towards(rolls_mps, wanted_mps);
-        let (dx, dy, turned_rad) = along(plan.curvature_per_m, rolls_mps * step_s);
-        ahead_m += cos * dx - sin * dy;
-        left_m += sin * dx + cos * dy;
-        heading_rad += turned_rad;
+        if plan.speed_mps == 0.0 {
+            turns_radps *= braked(rolls_mps);
+        } else {
+            let off_radps = plan.curvature_per_m * rolls_mps - turns_radps;
+            turns_radps += off_radps.clamp(-spin_radps2 * step_s, spin_radps2 * step_s);
+        }
+        roll(rolls_mps, turns_radps * step_s);
         way_m = (way_m - (rolls_mps * step_s).abs()).max(0.0);
     }
 }
@@ -219,7 +240,16 @@ impl Navigator {
             .braking_mps2(&now.pose, true)
             .min(self.braking_mps2(&now.pose, false))
             .max(0.1);
-        let weigh = |plan: &Plan| cost(movers, shape, &now.pose, now.speed_mps, braking_mps2, plan);
+        let weigh = |plan: &Plan| {
+            cost(
+                movers,
+                shape,
+                &now.pose,
+                (now.speed_mps, now.turn_rate_radps),
+                braking_mps2,
+                plan,
+            )
+        };
         let on = self.wanted_plan(now, wanted);
         let (on_cost, led) = weigh(&on);
         if on_cost <= LITTLE_COST {
