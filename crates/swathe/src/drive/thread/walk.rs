@@ -39,6 +39,9 @@ const SLANT_WORK: usize = 6;
 const TURN_RADII: f64 = 0.5;
 const TURN_M: f64 = 0.02;
 
+/// Longest part of a turn between two headings that are looked at: no corner is cut in between.
+const TURN_PIECE_RAD: f64 = 0.04;
+
 /// Widest turn from the robot's own heading to a direction.
 const FIRST_TURN_RAD: f64 = 0.5;
 
@@ -172,9 +175,9 @@ impl Walk {
                     }
                     for axis in 0..COUNT / 2 {
                         let next = (axis + 1) % (COUNT / 2);
-                        let half_rad = axis_rad(axis) + wrap(axis_rad(axis + 1) - axis_rad(axis)) / 2.0;
                         let both = mask >> axis & mask >> next & 1 == 1;
-                        mask |= u32::from(both && field.is_free((x_m, y_m, half_rad))) << (COUNT / 2 + axis);
+                        let turns = both && turns_free(field, (x_m, y_m), axis_rad(axis), axis_rad(axis + 1));
+                        mask |= u32::from(turns) << (COUNT / 2 + axis);
                     }
                     mask
                 }
@@ -350,7 +353,7 @@ fn slant(how: u8, axis: usize) -> ((i64, i64), f64) {
 /// Whether the footprint can turn in place by the shorter way.
 fn turns_free(field: &Field, at: (f64, f64), from_rad: f64, to_rad: f64) -> bool {
     let by_rad = wrap(to_rad - from_rad);
-    let pieces = (by_rad.abs() / 0.1).ceil().max(1.0);
+    let pieces = (by_rad.abs() / TURN_PIECE_RAD).ceil().max(1.0);
     (1..=pieces as u32).all(|k| field.is_free((at.0, at.1, from_rad + by_rad * f64::from(k) / pieces)))
 }
 
