@@ -40,7 +40,7 @@ const TURN_RADII: f64 = 0.5;
 const TURN_M: f64 = 0.02;
 
 /// Longest part of a turn between two headings that are looked at: no corner is cut in between.
-const TURN_PIECE_RAD: f64 = 0.04;
+const TURN_PIECE_RAD: f64 = 0.02;
 
 /// Widest turn from the robot's own heading to a direction.
 const FIRST_TURN_RAD: f64 = 0.5;
