@@ -153,11 +153,11 @@ fn plan() -> impl Strategy<Value = Plan> {
 proptest! {
     #[test]
     fn a_plan_costs_the_same_wherever_it_is_made_and_more_with_more_about(
-        movers in prop::collection::vec(mover(), 1..4), plan in plan(), rolls_mps in -0.5..1.0_f64,
+        movers in prop::collection::vec(mover(), 1..4), plan in plan(), moves in (-0.5..1.0_f64, -1.0..1.0_f64),
         shift in (-50.0..50.0_f64, -50.0..50.0_f64, -3.0..3.0_f64),
     ) {
         let shape = Shape::of(&jackal(), &DriveParams::default());
-        let weigh = |movers: &[Mover], pose: &Pose| cost(movers, &shape, pose, rolls_mps, 1.5, &plan).0;
+        let weigh = |movers: &[Mover], pose: &Pose| cost(movers, &shape, pose, moves, 1.5, &plan).0;
         let here = weigh(&movers, &Pose::default());
         let there = Pose::level(shift.0, shift.1, shift.2);
         let turned: Vec<Mover> = movers.iter().map(|one| {
@@ -180,7 +180,7 @@ proptest! {
             x_m: -2.0 * cos - aside_m * sin, y_m: -2.0 * sin + aside_m * cos,
             east_mps: walks_mps * cos, north_mps: walks_mps * sin, half_m: 0.3, unsure_m: 0.0, unseen_s: 0.0,
         };
-        let (costs, _) = cost(&[one], &shape, &Pose::default(), 0.0, 1.5, &Plan::REST);
+        let (costs, _) = cost(&[one], &shape, &Pose::default(), (0.0, 0.0), 1.5, &Plan::REST);
         if aside_m.abs() < 0.4 {
             prop_assert!(costs > 1.0, "{costs}");
         }
@@ -245,4 +245,37 @@ proptest! {
         let (least_m, status) = meeting(vehicle, walks_mps, course_rad, at_s);
         prop_assert!(least_m > 0.05 && status == Status::Reached, "{least_m} {status:?}");
     }
+}
+
+#[test]
+fn an_arc_to_which_the_wheels_do_not_come_in_time_is_no_way_past_him() {
+    let slow = Shape {
+        acceleration_mps2: 0.3,
+        ..Shape::of(&jackal(), &DriveParams::default())
+    };
+    let quick = Shape {
+        acceleration_mps2: 30.0,
+        ..slow
+    };
+    let one = Mover {
+        x_m: 1.6,
+        y_m: 0.0,
+        east_mps: -0.5,
+        north_mps: 0.0,
+        half_m: 0.3,
+        unsure_m: 0.0,
+        unseen_s: 0.0,
+    };
+    let plan = Plan {
+        curvature_per_m: 2.0,
+        speed_mps: 1.0,
+        way_m: 1.6,
+        ..Plan::REST
+    };
+    let weigh =
+        |shape: &Shape, turns_radps: f64| cost(&[one], shape, &Pose::default(), (1.0, turns_radps), 1.5, &plan).0;
+    assert!(weigh(&quick, 0.0) < 1.0, "{}", weigh(&quick, 0.0));
+    assert!(weigh(&slow, 0.0) > 5.0, "{}", weigh(&slow, 0.0));
+    // Who is on the arc already is past him.
+    assert!(weigh(&slow, 2.0) < 1.0);
 }
