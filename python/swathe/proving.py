@@ -235,7 +235,8 @@ def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Sc
 
     ``fastest_s`` is that of its row; the trial's time limit comes of it.
     """
-    scale = trials.scale_of(load_vehicle(trial.vehicle))
+    vehicle = load_vehicle(trial.vehicle)
+    scale = trials.scale_of(vehicle)
     content = {
         "title": f"Trial {trial.seed}",
         "vehicle": trial.vehicle,
@@ -245,7 +246,7 @@ def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Sc
             "method": trial.method,
             "memory": not trial.alone,
             "recover": not trial.alone,
-            "time_limit_s": max(900.0, 20.0 * (fastest_s or 0.0)),
+            "time_limit_s": trials.limit_s(vehicle, fastest_s or 0.0),
         },
         "sensors": {
             "laser": "sick-lms200-80m" if scale >= _FAR_SCALE else "sick-lms200-8m",

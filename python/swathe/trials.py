@@ -167,6 +167,11 @@ def scale_of(vehicle: Vehicle) -> float:
     return max(1.0, math.hypot(vehicle.length_m, vehicle.width_m) / 2 / _RADIUS_M)
 
 
+def limit_s(vehicle: Vehicle, fastest_s: float) -> float:
+    """Return the seconds after which a trial's drive is over, by those of the shortest way at full speed."""
+    return max(_LIMIT_S * scale_of(vehicle), _LIMIT_FACTOR * fastest_s)
+
+
 def begin(trial: Trial, *, records: bool = True, time_limit_s: float = 600.0) -> tuple[Episode, sim.Scenario]:
     """Return the episode of a trial before its first step, and its world."""
     episode, scenario, _ = _begin(trial, records=records, time_limit_s=time_limit_s)
@@ -207,8 +212,7 @@ def run_one(trial: Trial) -> Row:
         return Row(**known, shortest_m=None, fastest_s=None, status="not_passable")
     fastest_s = shortest_m / vehicle.max_speed_mps
     begun_s = time.process_time()
-    limit_s = max(_LIMIT_S * scale_of(vehicle), _LIMIT_FACTOR * fastest_s)
-    episode, _, robot = _begin(trial, records=False, time_limit_s=limit_s)
+    episode, _, robot = _begin(trial, records=False, time_limit_s=limit_s(vehicle, fastest_s))
     collision: dict[str, Any] = {}
     recoveries = 0
     looks: list[sim.State] = []
