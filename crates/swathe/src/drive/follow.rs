@@ -25,11 +25,12 @@ const WIDE_M: f64 = 0.15;
 /// Widest turn that is driven on the way, where there is room, instead of on the spot.
 const BEND_RAD: f64 = 0.7;
 
-/// Distance before an obstacle at which a leg ends, and so for a vehicle with a turning circle that backs.
+/// Distance kept before an obstacle on a leg, and so by a vehicle with a turning circle that backs.
 const KEEP_M: f64 = 0.02;
 const BACK_KEEP_M: f64 = 0.15;
 
-/// Longest way over which the wheels of a vehicle with a turning circle go from one arc to the next, and the braking for it.
+/// Longest way over which the wheels of a vehicle with a turning circle go from one arc to the next, the share of the brakes that
+/// is used to be slow enough for it, and how far ahead it is looked for.
 const CHANGE_M: f64 = 0.6;
 const CHANGE_SHARE: f64 = 0.3;
 const CHANGE_LOOK_M: f64 = 6.0;
