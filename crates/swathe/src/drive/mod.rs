@@ -13,6 +13,7 @@ mod memory;
 mod motion;
 mod movers;
 mod navigator;
+mod odometry;
 mod params;
 mod probing;
 mod recovery;

@@ -36,7 +36,8 @@ impl Navigator {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
         let moves = (seen.speed_mps, seen.turn_rate_radps);
-        self.tracks.roll(seen.time_s, pose, moves, step_s);
+        self.tracks.odometry.roll(seen.time_s, pose, moves, step_s);
+        self.grid.doubt_poses(self.tracks.odometry.doubt());
         let Some(scan) = seen.scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);

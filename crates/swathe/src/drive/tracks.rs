@@ -11,6 +11,8 @@ use std::collections::VecDeque;
 
 use crate::sensor::{Pose, Return, Scan, wrap};
 
+use super::odometry::Odometry;
+
 /// Farthest returns that are looked at.
 const FAR_M: f64 = 12.0;
 
@@ -68,11 +70,6 @@ const MOST_UNSURE_M: f64 = 6.0;
 /// Tracks nearer together than this are of one thing.
 const TWINS_M: f64 = 0.35;
 
-/// A pose that moves otherwise than the wheels by this much, and half of what they moved, in one step was corrected, and for how long a scan may be late for it.
-const CORRECTED_M: f64 = 0.02;
-const CORRECTED_RAD: f64 = 0.01;
-const LATE_S: f64 = 0.5;
-
 /// A thing that moves, in the frame of the pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Mover {
@@ -85,47 +82,6 @@ pub(super) struct Mover {
     pub unsure_m: f64,
     /// Seconds since it was seen.
     pub unseen_s: f64,
-}
-
-/// From the frame of the pose to that of odometry.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Shift {
-    x_m: f64,
-    y_m: f64,
-    turn_rad: f64,
-}
-
-impl Shift {
-    fn between(pose: &Pose, odometry: &Pose) -> Self {
-        let turn_rad = wrap(odometry.heading_rad - pose.heading_rad);
-        let (sin, cos) = turn_rad.sin_cos();
-        Self {
-            x_m: odometry.x_m - (cos * pose.x_m - sin * pose.y_m),
-            y_m: odometry.y_m - (sin * pose.x_m + cos * pose.y_m),
-            turn_rad,
-        }
-    }
-
-    fn pose(&self, pose: &Pose) -> Pose {
-        let (sin, cos) = self.turn_rad.sin_cos();
-        Pose::level(
-            self.x_m + cos * pose.x_m - sin * pose.y_m,
-            self.y_m + sin * pose.x_m + cos * pose.y_m,
-            wrap(pose.heading_rad + self.turn_rad),
-        )
-    }
-
-    /// A place and a velocity of odometry in the frame of the pose.
-    fn back(&self, (x_m, y_m): (f64, f64), (vx, vy): (f64, f64)) -> [f64; 4] {
-        let (sin, cos) = self.turn_rad.sin_cos();
-        let (x_m, y_m) = (x_m - self.x_m, y_m - self.y_m);
-        [
-            cos * x_m + sin * y_m,
-            cos * y_m - sin * x_m,
-            cos * vx + sin * vy,
-            cos * vy - sin * vx,
-        ]
-    }
 }
 
 /// An earlier scan.
@@ -304,9 +260,7 @@ impl Track {
 /// The tracks and what they come from.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracks {
-    odometry: Pose,
-    /// How pose and odometry lay to each other, the last first.
-    shifts: VecDeque<(f64, Shift)>,
+    pub odometry: Odometry,
     sensor: Option<Pose>,
     past: VecDeque<Past>,
     time_s: f64,
@@ -319,34 +273,6 @@ impl Tracks {
     /// Forgets everything.
     pub fn clear(&mut self) {
         *self = Self::default();
-    }
-
-    /// Takes in how the robot moved since the last call.
-    pub fn roll(&mut self, time_s: f64, pose: &Pose, (speed_mps, turn_radps): (f64, f64), step_s: f64) {
-        let middle_rad = self.odometry.heading_rad + turn_radps * step_s / 2.0;
-        self.odometry = Pose::level(
-            self.odometry.x_m + speed_mps * step_s * middle_rad.cos(),
-            self.odometry.y_m + speed_mps * step_s * middle_rad.sin(),
-            wrap(self.odometry.heading_rad + turn_radps * step_s),
-        );
-        let shift = Shift::between(pose, &self.odometry);
-        while self.shifts.len() > 1 && self.shifts.back().is_some_and(|(then_s, _)| *then_s < time_s - LATE_S) {
-            self.shifts.pop_back();
-        }
-        if let Some((then_s, last)) = self.shifts.front_mut() {
-            // A pose that goes on about as the wheels tell is the better odometry: speeds change within a step.
-            let here = last.pose(pose);
-            let off_m = here.distance_m(&self.odometry);
-            let off_rad = wrap(here.heading_rad - self.odometry.heading_rad).abs();
-            if off_m < CORRECTED_M + 0.5 * (speed_mps * step_s).abs()
-                && off_rad < CORRECTED_RAD + 0.5 * (turn_radps * step_s).abs()
-            {
-                *then_s = time_s;
-                self.odometry = here;
-                return;
-            }
-        }
-        self.shifts.push_front((time_s, shift));
     }
 
     /// Takes in a scan; `self.beams` tells what its beams tell.
@@ -403,9 +329,9 @@ impl Tracks {
             })
         };
         let sensor = self
-            .shifts
-            .iter()
-            .map(|(_, shift)| shift.pose(&told))
+            .odometry
+            .shifts()
+            .map(|shift| shift.pose(&told))
             .min_by(|one, other| off(one).total_cmp(&off(other)))?;
         self.sensor = Some(sensor);
         Some(sensor)
@@ -571,7 +497,7 @@ impl Tracks {
 
     /// What moves, where it is at a time.
     pub fn found(&self, time_s: f64) -> Vec<Mover> {
-        let Some((_, shift)) = self.shifts.front() else {
+        let Some(shift) = self.odometry.shifts().next() else {
             return Vec::new();
         };
         let since_s = (time_s - self.time_s).clamp(0.0, 1.0);

@@ -80,6 +80,16 @@ impl Default for CertaintyParams {
     }
 }
 
+/// How far poses from which scans are taken may be off each other: a robot that is told a better pose has seen the same wall at
+/// two places.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseDoubt {
+    /// Metres, in any direction.
+    pub place_m: f64,
+    /// Radians.
+    pub heading_rad: f64,
+}
+
 /// The window of certainty.
 #[derive(Clone, Debug)]
 pub struct CertaintyGrid {
@@ -95,6 +105,7 @@ pub struct CertaintyGrid {
     /// Certainty of every cell, or [`UNSEEN`]; what everybody else reads.
     certainty: Vec<u8>,
     scan: u16,
+    doubt: PoseDoubt,
     levels: Levels,
     /// Cells that the last scan first saw or whose certainty it changed, by lattice row and column.
     changed: Vec<(i64, i64)>,
@@ -166,7 +177,11 @@ impl Levels {
 struct Ray {
     from: [f64; 2],
     toward: [f64; 2],
+    /// Half the angle to the next beam.
     half_rad: f64,
+    /// How far the beam may be off, and by what angle.
+    doubt: f64,
+    doubt_rad: f64,
 }
 
 impl Ray {
@@ -182,7 +197,7 @@ impl Ray {
             let y = corner[1] + (f64::from(part / 8) + 0.5) / 8.0;
             let away = x * self.toward[0] + y * self.toward[1];
             let aside = (x * self.toward[1] - y * self.toward[0]).abs();
-            if aside <= (self.half_rad * away).max(PART) {
+            if aside <= (self.half_rad * away).max(PART) + self.doubt + self.doubt_rad * away {
                 return true;
             }
         }
@@ -208,6 +223,7 @@ impl CertaintyGrid {
             evidence: vec![Evident::default(); stride * stride],
             certainty: vec![UNSEEN; stride * stride],
             scan: 0,
+            doubt: PoseDoubt::default(),
             levels: Levels::of(params.evidence),
             changed: Vec::new(),
             reshaped: Vec::new(),
@@ -280,6 +296,12 @@ impl CertaintyGrid {
         }
     }
 
+    /// Tells how far the poses of the scans to come may be off those before: beams from doubtful poses clear what stands beside
+    /// them too, for it may have been seen at a wrong place.
+    pub fn doubt_poses(&mut self, doubt: PoseDoubt) {
+        self.doubt = doubt;
+    }
+
     /// Takes a scan from a pose; `classify` says what each beam tells. Every cell counts once a scan, and a hit wins.
     ///
     /// The scan must have passed [`Scan::validate`] and the pose must be finite.
@@ -336,7 +358,7 @@ impl CertaintyGrid {
         self.ends = ends;
     }
 
-    /// Counts the cells that a beam crossed, all but the last, nearest first; told is half the angle to the next beam.
+    /// Counts the cells that a beam crossed, all but the last, nearest first; `half_rad` is half the angle to the next beam.
     fn cross(&mut self, from: (f64, f64), to: (f64, f64), half_rad: f64) {
         let size = self.params.cell_size_m;
         let (mut row, mut column) = self.lattice(from.0, from.1);
@@ -369,6 +391,8 @@ impl CertaintyGrid {
             from: place,
             toward: along.map(|part| part / length),
             half_rad,
+            doubt: self.doubt.place_m / size,
+            doubt_rad: self.doubt.heading_rad,
         };
         for _ in 0..borders {
             // A beam that has left the window does not come back.

@@ -17,7 +17,7 @@ mod vfh;
 mod vfh_plus;
 mod vfh_star;
 
-pub use certainty::{CERTAINTY_MAX, CertaintyGrid, CertaintyParams, Evidence};
+pub use certainty::{CERTAINTY_MAX, CertaintyGrid, CertaintyParams, Evidence, PoseDoubt};
 pub use player::{PlayerParams, PlayerSteering, PlayerVfh};
 pub use player_driver::{PlayerDriver, PlayerState};
 /// What a map says of the ground in a direction (counter-clockwise from east): its mean expected goodness, 1 to 5, over the

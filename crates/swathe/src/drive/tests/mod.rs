@@ -4,6 +4,7 @@ mod bad_input;
 mod closed_loop;
 mod learning;
 mod movers;
+mod odometry;
 mod threads;
 mod ways;
 mod world;

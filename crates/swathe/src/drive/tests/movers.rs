@@ -38,7 +38,7 @@ fn watch(
         let time_s = k as f64 * STEP_S;
         let jump = jumps[k / 35];
         let pose = told(&truth, jump);
-        tracks.roll(
+        tracks.odometry.roll(
             time_s,
             &pose,
             (speed_mps, turn_radps),

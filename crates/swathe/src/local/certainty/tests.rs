@@ -189,6 +189,26 @@ fn a_corner_stays_when_beams_cross_the_rest_of_its_cell() {
     assert_eq!(grid.certainty_at(1.05, 0.05), Some(0));
 }
 
+#[test]
+fn what_was_met_from_a_doubtful_pose_goes_when_beams_pass_beside_it() {
+    let certainty_after = |doubt: PoseDoubt| {
+        let mut grid = grid(Evidence::default(), f64::INFINITY);
+        for _ in 0..10 {
+            look(&mut grid, &Pose::level(0.05, 0.015, 0.0), &beam(1.0));
+        }
+        grid.doubt_poses(doubt);
+        for _ in 0..10 {
+            look(&mut grid, &Pose::level(0.05, 0.085, 0.0), &beam(1.5));
+        }
+        grid.certainty_at(1.05, 0.05)
+    };
+    assert_eq!(certainty_after(PoseDoubt::default()), Some(14));
+    // Seven centimetres aside at a metre.
+    for (place_m, heading_rad) in [(0.07, 0.0), (0.0, 0.07)] {
+        assert_eq!(certainty_after(PoseDoubt { place_m, heading_rad }), Some(0));
+    }
+}
+
 proptest! {
     #[test]
     fn what_goes_away_is_forgotten_by_a_sensor_that_stands_still(x_m in 0.6..1.6_f64, y_m in -1.2..1.2_f64, radius_m in 0.1..0.3_f64) {
