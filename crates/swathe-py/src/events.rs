@@ -38,6 +38,7 @@ fn recovery_fields(fields: &Bound<PyDict>, recovery: Recovery) -> PyResult<()> {
             fields.set_item("on_left", on_left)?;
             place(fields, from)?;
         }
+        Recovery::Forget => fields.set_item("recovery", "forget")?,
         Recovery::Retreat { to } => {
             fields.set_item("recovery", "retreat")?;
             place(fields, to)?;

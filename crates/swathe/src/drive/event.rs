@@ -177,6 +177,8 @@ pub enum Recovery {
         /// Whether the wall is kept to the left.
         on_left: bool,
     },
+    /// Forgets what was seen, but for what stands near to the robot, and looks again: before it says that there is no way.
+    Forget,
     /// Drives to the nearest safe nest.
     Retreat {
         /// Where it lies.

@@ -53,6 +53,22 @@ impl Memory {
         self.last = None;
     }
 
+    /// Forgets everything farther from a place than some metres.
+    pub fn clear_beyond(&mut self, x_m: f64, y_m: f64, near_m: f64) {
+        let reach = (near_m / self.cell_size_m).ceil() as i64;
+        let (row, column) = self.cell_of(x_m, y_m);
+        let kept: Vec<((i64, i64), Seen)> = (row - reach..=row + reach)
+            .flat_map(|row| (column - reach..=column + reach).map(move |column| (row, column)))
+            .map(|cell| (cell, self.get(cell)))
+            .collect();
+        self.clear();
+        for (cell, seen) in kept {
+            if seen != Seen::Unknown {
+                self.set(cell, seen);
+            }
+        }
+    }
+
     pub fn cell_of(&self, x_m: f64, y_m: f64) -> (i64, i64) {
         (
             (-y_m / self.cell_size_m).floor() as i64,

@@ -21,6 +21,9 @@ const WINDOW_GROWTH: usize = 4;
 /// All recoveries of a drive, as a multiple of those without headway.
 const ALL_RECOVERIES: u32 = 10;
 
+/// How often a drive forgets what it has seen before it says that there is no way.
+const MOST_FORGETS: u32 = 1;
+
 /// Off the nose by this much, the way does not lead through the place before it.
 const STAMP_RAD: f64 = 0.8;
 
@@ -106,6 +109,9 @@ impl Navigator {
             self.begin(recovery, at);
             return None;
         }
+        if self.forget(at) {
+            return None;
+        }
         let reason = if self.thread.goal_closed {
             Reason::GoalBlocked
         } else {
@@ -177,9 +183,9 @@ impl Navigator {
                     self.trap_at = None;
                     self.finish();
                 }
-                Along::Lost => return Some(self.give_up()),
+                Along::Lost => return Some(self.give_up(now.at())),
             },
-            Some(Recovery::Retreat { .. }) | None => {}
+            Some(Recovery::Retreat { .. } | Recovery::Forget) | None => {}
         }
         let reason = self.trouble(now)?;
         self.events.push(Event::Trap { reason });
@@ -188,7 +194,7 @@ impl Navigator {
         let most = self.params.most_recoveries;
         if self.attempts > most || self.all_attempts > most.saturating_mul(ALL_RECOVERIES) {
             let Some(walk) = self.wall_walk(now) else {
-                return Some(self.give_up());
+                return Some(self.give_up(now.at()));
             };
             self.begin(walk, now.at());
             return Some(((0.0, 0.0), Status::Recovering, reason));
@@ -197,7 +203,10 @@ impl Navigator {
         Some(((0.0, 0.0), Status::Recovering, reason))
     }
 
-    fn give_up(&mut self) -> ((f64, f64), Status, Reason) {
+    fn give_up(&mut self, at: Position) -> ((f64, f64), Status, Reason) {
+        if self.forget(at) {
+            return ((0.0, 0.0), Status::Recovering, Reason::Trapped);
+        }
         self.end = Some((Status::Stopped, Reason::RecoveriesSpent));
         ((0.0, 0.0), Status::Stopped, Reason::RecoveriesSpent)
     }
@@ -276,6 +285,26 @@ impl Navigator {
             return self.begin(Recovery::TurnInPlace { left_rad }, at);
         }
         self.begin(backs, at);
+    }
+
+    /// Forgets what was seen and tried: things that went away out of sight, or that a wrong pose put into the way, close it no
+    /// longer. What stands near to the robot is kept, for it may stand where no sensor looks. False when it has done so before.
+    fn forget(&mut self, at: Position) -> bool {
+        if !self.params.recover || !self.params.memory || self.forgets >= MOST_FORGETS {
+            return false;
+        }
+        let forgets = self.forgets + 1;
+        let near_m = 2.0 * self.shape.radius_m;
+        self.grid.clear_beyond(at.x_m, at.y_m, near_m);
+        self.memory.clear_beyond(at.x_m, at.y_m, near_m);
+        let grid = &self.grid;
+        self.met.retain(|&cell, _| grid.certainty_of(cell).is_some());
+        self.window = None;
+        self.start_over();
+        self.forgets = forgets;
+        self.begin(Recovery::Forget, at);
+        self.finish();
+        true
     }
 
     fn finish(&mut self) {

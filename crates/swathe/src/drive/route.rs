@@ -21,6 +21,9 @@ const RING_SHARE: f64 = 0.6;
 /// How far around a closed goal that stands for one outside the window an open cell is looked for, in cells.
 const BORDER_SEARCH_CELLS: i64 = 96;
 
+/// A line that costs this much more than the way is still taken for it: both are counted by samples.
+const SAME_COST: f64 = 1.005;
+
 /// How the route stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Standing {
@@ -277,18 +280,12 @@ impl RouteWindow {
 
     /// Whether the robot could stand at a place for all that is known; outside the window it could.
     pub fn is_open(&self, at: Position) -> bool {
-        let geometry = &self.costs.geometry;
-        geometry
-            .cell_at(at)
-            .is_none_or(|cell| self.costs.cost(geometry.index(cell)).is_finite())
+        self.cost_at(at).is_finite()
     }
 
     /// Whether the straight line between two places is open.
     pub fn sees(&self, from: Position, to: Position) -> bool {
-        let steps = (from.distance_m(to) / self.costs.geometry.cell_size_m() * 1.5)
-            .ceil()
-            .max(1.0);
-        (1..=steps as usize).all(|k| self.is_open(from.towards(to, k as f64 / steps)))
+        self.line_cost(from, to).is_finite()
     }
 
     /// Repairs the way from a place; returns whether another way was found, and whether it was searched from nothing.
@@ -354,27 +351,64 @@ impl RouteWindow {
         self.way.windows(2).map(|pair| pair[0].distance_m(pair[1])).sum()
     }
 
-    /// The point of the way that is some metres ahead, nearer where the straight line to it is not open.
+    /// The place to head for, some metres ahead at most: on the straight line to the farthest point of the way to which that line
+    /// is open and costs no more than the way itself. A way of steps to eight sides turns where open ground does not ask for it.
     pub fn ahead(&self, at: Position, lookahead_m: f64) -> Option<Position> {
+        let first = *self.way.first()?;
+        let mut best = *self.way.get(1).unwrap_or(&first);
         let mut along_m = 0.0;
-        let mut best = *self.way.get(1).or(self.way.first())?;
-        let mut before = *self.way.first()?;
-        for (step, &point) in self.way.iter().enumerate() {
-            along_m += before.distance_m(point);
-            before = point;
-            // Every second point is enough: two cells are less than any look-ahead.
-            if step % 2 == 0 && step + 1 < self.way.len() {
+        let mut way_cost = at.distance_m(first) * self.cost_at(at).min(RING_COSTS[0]);
+        // What is near is looked at point by point; farther away each look reaches a quarter farther.
+        let mut next_m = 0.0;
+        for (step, pair) in self.way.windows(2).enumerate() {
+            let piece_m = pair[0].distance_m(pair[1]);
+            along_m += piece_m;
+            way_cost += piece_m * self.cost_at(pair[1]);
+            let is_end = step + 2 == self.way.len();
+            if along_m < next_m && !is_end {
                 continue;
             }
-            if step > 1 && !self.sees(at, point) {
+            // Two cells are less than any look-ahead.
+            next_m = along_m + (2.0 * piece_m).max(if along_m < lookahead_m { 0.0 } else { 0.25 * along_m });
+            let line_cost = self.line_cost(at, pair[1]);
+            let is_near = along_m <= lookahead_m;
+            let is_worth = if is_near {
+                line_cost.is_finite()
+            } else {
+                line_cost <= way_cost * SAME_COST
+            };
+            if step > 0 && !is_worth {
                 break;
             }
-            best = point;
-            if along_m >= lookahead_m {
+            best = pair[1];
+        }
+        let away_m = at.distance_m(best);
+        Some(if away_m > lookahead_m {
+            at.towards(best, lookahead_m / away_m)
+        } else {
+            best
+        })
+    }
+
+    /// What a straight line costs, infinite where it is not open; outside the window everything costs the same.
+    fn line_cost(&self, from: Position, to: Position) -> f64 {
+        let length_m = from.distance_m(to);
+        let steps = (length_m / self.costs.geometry.cell_size_m() * 1.5).ceil().max(1.0);
+        let mut cost = 0.0;
+        for k in 1..=steps as usize {
+            cost += self.cost_at(from.towards(to, k as f64 / steps));
+            if cost == f64::INFINITY {
                 break;
             }
         }
-        Some(best)
+        cost * length_m / steps
+    }
+
+    fn cost_at(&self, at: Position) -> f64 {
+        let geometry = &self.costs.geometry;
+        geometry
+            .cell_at(at)
+            .map_or(1.0, |cell| self.costs.cost(geometry.index(cell)))
     }
 }
 

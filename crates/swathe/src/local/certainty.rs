@@ -253,6 +253,21 @@ impl CertaintyGrid {
         self.certainty.fill(UNSEEN);
     }
 
+    /// Forgets everything farther from a place than some metres, along either axis.
+    pub fn clear_beyond(&mut self, x_m: f64, y_m: f64, near_m: f64) {
+        let reach = (near_m / self.params.cell_size_m).ceil() as i64;
+        let (row, column) = self.lattice(x_m, y_m);
+        let half = self.side / 2;
+        for down in self.middle.0 - half..=self.middle.0 + half {
+            for right in self.middle.1 - half..=self.middle.1 + half {
+                if (down - row).abs() > reach || (right - column).abs() > reach {
+                    let index = self.wrapped((down, right));
+                    self.certainty[index] = UNSEEN;
+                }
+            }
+        }
+    }
+
     /// Moves the window so that a place lies in its middle; what leaves it is forgotten.
     pub fn move_to(&mut self, x_m: f64, y_m: f64) {
         let target = self.lattice(x_m, y_m);
