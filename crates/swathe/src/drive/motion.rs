@@ -102,7 +102,16 @@ impl Navigator {
         let share = (now.speed_mps.abs() / self.shape.max_speed_mps).min(1.0);
         let [least_m, most_m] = self.params.lookahead_m;
         let lookahead_m = (least_m + (most_m - least_m) * share).max(1.5 * self.shape.radius_m);
-        let on_way = self.window.as_ref().and_then(|window| window.ahead(at, lookahead_m));
+        let is_steep = self
+            .region
+            .as_ref()
+            .is_some_and(|region| region.is_steep_around(at, lookahead_m));
+        // What a slope costs on another heading than that of the way is not known here.
+        let sight_m = if is_steep { lookahead_m } else { f64::INFINITY };
+        let on_way = self
+            .window
+            .as_ref()
+            .and_then(|window| window.ahead(at, lookahead_m, sight_m));
         let target = on_way.unwrap_or(now.aim);
         let steering = self.local.steer(
             &self.shape,
@@ -141,11 +150,7 @@ impl Navigator {
         let first_rad = directions.first().map_or(target_rad, |first| first.0);
         self.watch.note_turn(now.time_s, wrap(first_rad - now.pose.heading_rad));
         // Across a slope the way may be too steep: the nearest heading that is not leads around.
-        if self
-            .region
-            .as_ref()
-            .is_some_and(|region| region.is_steep_around(at, lookahead_m))
-        {
+        if is_steep {
             for aside in 1..=FAN {
                 let aside_rad = f64::from(aside) * FAN_STEP_RAD;
                 directions.push((target_rad + aside_rad, CAREFUL_SHARE));

@@ -278,7 +278,7 @@ impl Navigator {
             let to = self
                 .window
                 .as_ref()
-                .and_then(|window| window.ahead(at, 2.0))
+                .and_then(|window| window.ahead(at, 2.0, 2.0))
                 .unwrap_or(now.aim);
             let off_rad = wrap((to.y_m - at.y_m).atan2(to.x_m - at.x_m) - now.pose.heading_rad);
             let left_rad = if off_rad.abs() < 0.3 { PI } else { off_rad };
@@ -324,7 +324,10 @@ impl Navigator {
             let off_rad = wrap((to.y_m - at.y_m).atan2(to.x_m - at.x_m) - now.pose.heading_rad);
             off_rad.abs() < STAMP_RAD
         };
-        let next = self.window.as_ref().and_then(|window| window.ahead(at, ahead_m));
+        let next = self
+            .window
+            .as_ref()
+            .and_then(|window| window.ahead(at, ahead_m, ahead_m));
         if !next.is_none_or(leads_ahead) {
             return;
         }
@@ -379,7 +382,7 @@ impl Navigator {
         let to = self
             .window
             .as_ref()
-            .and_then(|window| window.ahead(at, 2.0))
+            .and_then(|window| window.ahead(at, 2.0, 2.0))
             .unwrap_or(now.aim);
         let off_rad = wrap((to.y_m - at.y_m).atan2(to.x_m - at.x_m) - now.pose.heading_rad);
         // Backwards, the nose turns left on a curvature to the right: towards the target first, then straight.

@@ -352,11 +352,12 @@ impl RouteWindow {
     }
 
     /// The place to head for, some metres ahead at most: on the straight line to the farthest point of the way to which that line
-    /// is open and costs no more than the way itself. A way of steps to eight sides turns where open ground does not ask for it.
-    pub fn ahead(&self, at: Position, lookahead_m: f64) -> Option<Position> {
+    /// is open and costs no more than the way itself, as far as `sight_m` along it. A way of steps to eight sides turns where open ground does not ask for it.
+    pub fn ahead(&self, at: Position, lookahead_m: f64, sight_m: f64) -> Option<Position> {
         let first = *self.way.first()?;
         let mut best = *self.way.get(1).unwrap_or(&first);
         let mut along_m = 0.0;
+        // As far as the way's first cell at least: with that no straight line over like ground costs more.
         let mut way_cost = at.distance_m(first) * self.cost_at(at).min(RING_COSTS[0]);
         // What is near is looked at point by point; farther away each look reaches a quarter farther.
         let mut next_m = 0.0;
@@ -367,6 +368,9 @@ impl RouteWindow {
             let is_end = step + 2 == self.way.len();
             if along_m < next_m && !is_end {
                 continue;
+            }
+            if along_m > lookahead_m.max(sight_m) {
+                break;
             }
             // Two cells are less than any look-ahead.
             next_m = along_m + (2.0 * piece_m).max(if along_m < lookahead_m { 0.0 } else { 0.25 * along_m });
@@ -506,6 +510,41 @@ mod tests {
         };
         assert!(length(0.6) < 6.5);
         assert!(length(1.2) > 8.0);
+    }
+
+    #[test]
+    fn over_open_ground_it_heads_straight_for_the_goal_and_past_a_corner_for_the_corner() {
+        const OPEN: [&str; 1] = ["."; 1];
+        let at = Position::new(0.5, -0.5);
+        let off = |window: &RouteWindow, goal: Position, sight_m: f64| {
+            let to = window.ahead(at, 4.0, sight_m).unwrap();
+            assert!(at.distance_m(to) <= 4.0 + 1e-9);
+            ((to.y_m - at.y_m).atan2(to.x_m - at.x_m) - (goal.y_m - at.y_m).atan2(goal.x_m - at.x_m)).abs()
+        };
+        for (row, column) in [(0, 20), (5, 20), (9, 20), (20, 12)] {
+            let (_, mut window) = drawn(&OPEN, (0, 0), (row, column), 0.5);
+            window.repair(at);
+            let goal = Position::new(column as f64 + 0.5, -(row as f64) - 0.5);
+            assert!(off(&window, goal, f64::INFINITY) < 0.01, "{row} {column}");
+        }
+        // Steps to eight sides lead elsewhere first.
+        let (_, mut window) = drawn(&OPEN, (0, 0), (9, 20), 0.5);
+        window.repair(at);
+        assert!(off(&window, Position::new(20.5, -9.5), 4.0) > 0.2);
+        // Around the end of a wall no line is taken that crosses it.
+        let wall = [
+            "..........",
+            "..........",
+            "#########.",
+            "..........",
+            "..........",
+            "..........",
+            "..........",
+        ];
+        let (_, mut window) = drawn(&wall, (0, 0), (6, 0), 0.5);
+        window.repair(at);
+        let to = window.ahead(at, 4.0, f64::INFINITY).unwrap();
+        assert!(window.sees(at, to) && to.y_m > -2.0, "{to:?}");
     }
 
     #[test]

@@ -2,12 +2,12 @@
 
 use crate::grid::Position;
 use crate::local::CertaintyGrid;
-use crate::sensor::Pose;
+use crate::sensor::{Pose, wrap};
 
 use super::super::memory::{Memory, Seen};
 use super::super::params::Shape;
 use super::super::safety::was_seen;
-use super::Known;
+use super::{Known, Leg};
 
 /// Distance kept from what was met, in metres: what is left of the 0.1 m that a passable gap has on each side is for steering.
 pub(super) const MARGIN_M: f64 = 0.06;
@@ -47,8 +47,71 @@ enum Stage {
     Done,
 }
 
-/// What was met around robot and goal.
+/// The frame of a field: a place of the world that is its (0, 0), and a heading that is its direction of zero.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    at: (f64, f64),
+    heading_rad: f64,
+    sin: f64,
+    cos: f64,
+}
+
+impl Frame {
+    pub fn of(pose: &Pose) -> Self {
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        Self {
+            at: (pose.x_m, pose.y_m),
+            heading_rad: pose.heading_rad,
+            sin,
+            cos,
+        }
+    }
+
+    /// A place of the world.
+    pub fn inside(&self, (x_m, y_m): (f64, f64)) -> (f64, f64) {
+        let (dx, dy) = (x_m - self.at.0, y_m - self.at.1);
+        (self.cos * dx + self.sin * dy, self.cos * dy - self.sin * dx)
+    }
+
+    /// A place of the frame, in the world.
+    pub fn outside(&self, (x_m, y_m): (f64, f64)) -> (f64, f64) {
+        (
+            self.at.0 + self.cos * x_m - self.sin * y_m,
+            self.at.1 + self.sin * x_m + self.cos * y_m,
+        )
+    }
+
+    /// A pose of the world.
+    pub fn pose(&self, pose: &Pose) -> Pose {
+        let (x_m, y_m) = self.inside((pose.x_m, pose.y_m));
+        Pose::level(x_m, y_m, wrap(pose.heading_rad - self.heading_rad))
+    }
+
+    /// A leg of the frame, in the world.
+    pub fn leg(&self, leg: Leg) -> Leg {
+        match leg {
+            Leg::Turn { to_rad } => Leg::Turn {
+                to_rad: wrap(to_rad + self.heading_rad),
+            },
+            Leg::Run {
+                from: (x_m, y_m, heading_rad),
+                curvature_per_m,
+                length_m,
+            } => {
+                let (x_m, y_m) = self.outside((x_m, y_m));
+                Leg::Run {
+                    from: (x_m, y_m, wrap(heading_rad + self.heading_rad)),
+                    curvature_per_m,
+                    length_m,
+                }
+            }
+        }
+    }
+}
+
+/// What was met around robot and goal, in a frame of its own.
 pub(super) struct Field {
+    pub frame: Frame,
     pub size_m: f64,
     /// Place of the first cell's middle, north-west.
     origin: (f64, f64),
@@ -96,8 +159,12 @@ impl Field {
         pose: &Pose,
         (goal, near_goal_m): (Position, f64),
         (closes_m, around_cells): (f64, i64),
+        frame: Frame,
     ) -> Self {
         let size_m = grid.params().cell_size_m;
+        let pose = &frame.pose(pose);
+        let goal = frame.inside((goal.x_m, goal.y_m));
+        let goal = Position::new(goal.0, goal.1);
         let offset = |to: Position| {
             let (right, down) = ((to.x_m - pose.x_m) / size_m, (pose.y_m - to.y_m) / size_m);
             (down.round() as i64, right.round() as i64)
@@ -115,6 +182,7 @@ impl Field {
         let count = (rows * columns) as usize;
         let reach_m = shape.radius_m + MARGIN_M + NEAR_M + size_m;
         let mut field = Self {
+            frame,
             size_m,
             origin,
             rows,
@@ -159,18 +227,24 @@ impl Field {
 
     /// Notes what was seen; around the robot as the drive itself will see it, which is driven next.
     fn note_known(&mut self, memory: &Memory, grid: &CertaintyGrid, pose: &Pose) {
-        let (first_row, first_column) = memory.cell_of(self.origin.0, self.origin.1);
-        let side_m = self.rows.max(self.columns) as f64 * self.size_m;
-        let side = (side_m / memory.cell_size_m).ceil() as usize + 2;
+        let corners = [(0, 0), (0, self.columns), (self.rows, 0), (self.rows, self.columns)].map(|corner| {
+            let (x_m, y_m) = self.frame.outside(self.middle(corner));
+            memory.cell_of(x_m, y_m)
+        });
+        let first_row = corners.iter().map(|corner| corner.0).min().unwrap_or(0);
+        let first_column = corners.iter().map(|corner| corner.1).min().unwrap_or(0);
+        let wide = |corner: &(i64, i64)| (corner.0 - first_row).max(corner.1 - first_column);
+        let side = corners.iter().map(wide).max().unwrap_or(0) as usize + 2;
         let mut seen = Vec::new();
         memory.copy_square((first_row, first_column), side, &mut seen);
         let finely_m = FINELY_RADII * self.radius_m;
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let (x_m, y_m) = self.middle((row, column));
+                let is_here = (x_m - pose.x_m).abs().max((y_m - pose.y_m).abs()) < finely_m;
+                let (x_m, y_m) = self.frame.outside((x_m, y_m));
                 let (down, right) = memory.cell_of(x_m, y_m);
                 let place = (down - first_row) as usize * side + (right - first_column) as usize;
-                let is_here = (x_m - pose.x_m).abs().max((y_m - pose.y_m).abs()) < finely_m;
                 self.known[(row * self.columns + column) as usize] =
                     seen[place] != Seen::Unknown && (!is_here || was_seen(grid, x_m, y_m));
             }
@@ -182,7 +256,8 @@ impl Field {
         let (sin, cos) = pose.heading_rad.sin_cos();
         let mut placed: Vec<(u32, (f64, f64, f64))> = Vec::new();
         for (&cell, &parts) in met {
-            for (x_m, y_m) in grid.places_of(cell, parts) {
+            for place in grid.places_of(cell, parts) {
+                let (x_m, y_m) = self.frame.inside(place);
                 let Some(index) = self.at(x_m, y_m) else { continue };
                 let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
                 let (ahead, left) = (cos * dx + sin * dy, cos * dy - sin * dx);
@@ -472,7 +547,7 @@ mod tests {
                 *met.entry((row, column)).or_default() |= 1_u64 << part;
             }
             let (start, goal) = (Pose::level(0.0, 0.0, 0.3), Position::new(1.0, 1.0));
-            let mut field = Field::new((&met, &memory, &grid), &shape, &start, (goal, 0.3), (MARGIN_M, 64));
+            let mut field = Field::new((&met, &memory, &grid), &shape, &start, (goal, 0.3), (MARGIN_M, 64), Frame::of(&Pose::default()));
             while !field.lay_on(1000) {}
             for (x_m, y_m, heading_rad) in poses {
                 let (sin, cos) = heading_rad.sin_cos();

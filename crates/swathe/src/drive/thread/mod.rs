@@ -20,7 +20,7 @@ use crate::sensor::{Pose, wrap};
 use super::memory::Memory;
 use super::params::Shape;
 use arcs::Arcs;
-use field::{Field, MARGIN_M, MOST_CELLS};
+use field::{Field, Frame, MARGIN_M, MOST_CELLS};
 use walk::Walk;
 
 /// The parts of cells in which something was met, by cell of the certainty grid's lattice.
@@ -133,8 +133,17 @@ impl Search {
             Effort::Wide => (MARGIN_M, WIDE_CELLS),
             Effort::Tight => (0.5 * MARGIN_M, WIDE_CELLS),
         };
-        let field = Field::new(known, shape, pose, (goal, near_goal_m), (closes_m, around_cells));
-        let start = (pose.x_m, pose.y_m, pose.heading_rad);
+        // Along the robot's own heading it leaves what it has driven into.
+        let frame = if shape.turns_in_place() && effort == Effort::Tight {
+            Frame::of(pose)
+        } else {
+            Frame::of(&Pose::default())
+        };
+        let field = Field::new(known, shape, pose, (goal, near_goal_m), (closes_m, around_cells), frame);
+        let inside = frame.pose(pose);
+        let start = (inside.x_m, inside.y_m, inside.heading_rad);
+        let (x_m, y_m) = frame.inside((goal.x_m, goal.y_m));
+        let goal = Position::new(x_m, y_m);
         let kind = if shape.turns_in_place() {
             Kind::Walk(Walk::new(&field, start, goal, near_goal_m))
         } else {
@@ -171,7 +180,10 @@ impl Search {
         };
         match found {
             Progress::On => Threading::On,
-            Progress::Found(legs) => Threading::Found(legs),
+            Progress::Found(legs) => {
+                let frame = self.field.frame;
+                Threading::Found(legs.into_iter().map(|leg| frame.leg(leg)).collect())
+            }
             Progress::Exhausted => Threading::Nothing {
                 goal_closed: self.field.closes_goal_in(),
             },
