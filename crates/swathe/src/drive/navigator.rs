@@ -13,6 +13,7 @@ use super::follow::Thread;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
 use super::movers::GivingWay;
+use super::odometry::Odometry;
 use super::params::{DriveError, DriveParams, Shape};
 use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
@@ -71,6 +72,7 @@ pub struct Navigator {
     /// Where things were met, for ways of the footprint itself.
     pub(super) met: Met,
     pub(super) thread: Thread,
+    pub(super) odometry: Odometry,
     pub(super) tracks: Tracks,
     pub(super) giving_way: GivingWay,
     /// Where the last scans met something, by their time.
@@ -153,6 +155,7 @@ impl Navigator {
             walk: Walk::default(),
             met: Met::new(),
             thread: Thread::default(),
+            odometry: Odometry::default(),
             tracks: Tracks::default(),
             giving_way: GivingWay::default(),
             fresh: VecDeque::new(),
@@ -263,20 +266,24 @@ impl Navigator {
         if !is_usable(seen) {
             return stand(Status::Fault, Reason::BadState);
         }
-        let pose = Pose {
+        let told = Pose {
             heading_rad: wrap(seen.pose.heading_rad),
             ..seen.pose
         };
+        let kept = self.keep_time(seen.time_s, &told);
+        let step_s = kept.unwrap_or(0.0);
+        let moves = (seen.speed_mps, seen.turn_rate_radps);
+        let pose = self.odometry.roll(seen.time_s, &told, moves, step_s);
+        let placed = seen.scan.map(|scan| self.odometry.place(&told, scan));
+        let scan = placed.as_deref();
         let at = Position::new(pose.x_m, pose.y_m);
-        let step_s = match self.keep_time(seen.time_s, &pose) {
-            Ok(step_s) => step_s,
-            Err(reason) => {
-                self.look(seen, &pose, 0.0);
-                return stand(Status::Fault, reason);
-            }
-        };
-        self.begin_region(at);
-        self.look(seen, &pose, step_s);
+        if kept.is_ok() {
+            self.begin_region(at);
+        }
+        self.look(seen.time_s, &pose, scan, step_s);
+        if let Err(reason) = kept {
+            return stand(Status::Fault, reason);
+        }
         self.take_reading(seen, at);
         let answer = self.ask_grids(&pose);
         if let Some((status, reason)) = self.end {
@@ -294,7 +301,7 @@ impl Navigator {
             self.watch.restart();
             return stand(Status::Fault, self.refused.unwrap_or(Reason::StaleScan));
         }
-        let scan = seen.scan.filter(|_| age_s == 0.0);
+        let scan = scan.filter(|_| age_s == 0.0);
         let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
         let stopping_m = self
             .shape
@@ -380,6 +387,7 @@ impl Navigator {
             self.grid.clear();
             self.memory.clear();
             self.met.clear();
+            self.odometry = Odometry::default();
             self.tracks.clear();
             self.fresh.clear();
             self.window = None;

@@ -4,7 +4,7 @@ use crate::sensor::{Pose, Return, Scan, wrap};
 
 use super::event::{Event, Reason};
 use super::memory::Seen;
-use super::navigator::{Navigator, Observation, is_place};
+use super::navigator::{Navigator, is_place};
 
 /// Certainty from which on something stands in a cell, and below which it is gone again.
 pub(super) const SURE: u8 = 6;
@@ -32,23 +32,21 @@ const MOST_RAYS: usize = 32;
 
 impl Navigator {
     /// Takes in a scan, or notes why not.
-    pub(super) fn look(&mut self, seen: &Observation, pose: &Pose, step_s: f64) {
+    pub(super) fn look(&mut self, time_s: f64, pose: &Pose, scan: Option<&Scan>, step_s: f64) {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
-        let moves = (seen.speed_mps, seen.turn_rate_radps);
-        self.tracks.odometry.roll(seen.time_s, pose, moves, step_s);
-        self.grid.doubt_poses(self.tracks.odometry.doubt());
-        let Some(scan) = seen.scan else { return };
+        self.grid.doubt_poses(self.odometry.doubt());
+        let Some(scan) = scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);
             self.events.push(Event::ScanRefused { reason });
             return;
         }
         self.refused = None;
-        self.scan_time_s = Some(seen.time_s);
+        self.scan_time_s = Some(time_s);
         self.take_in(pose, scan);
-        self.note_fresh(seen.time_s, pose, scan);
-        self.tracks.observe(seen.time_s, pose, scan);
+        self.note_fresh(time_s, pose, scan);
+        self.tracks.observe(time_s, pose, scan);
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
@@ -148,10 +146,10 @@ impl Navigator {
         if (x_m - pose.x_m).hypot(y_m - pose.y_m) > far_m && self.scan_time_s.is_some() {
             return Err(Reason::PoseJumped);
         }
-        let pose = Pose {
+        let pose = self.odometry.now(&Pose {
             heading_rad: wrap(pose.heading_rad),
             ..*pose
-        };
+        });
         self.grid.move_to(pose.x_m, pose.y_m);
         // No two rays of a cone lie farther apart at its end than a cell is wide.
         let ray_rad = self.grid.params().cell_size_m / scan.range_max_m;

@@ -5,13 +5,11 @@
 //! Bar-Shalom and Fortmann 1988) carries on from the nearest new cluster of each scan. What stands is new nowhere and becomes
 //! none. What leaves the fan of the sensor, or is hidden, is carried on for some seconds.
 //!
-//! All of it happens in the frame of odometry, which does not jump when the pose is corrected.
+//! All of it goes by a pose that does not jump when the told one is corrected.
 
 use std::collections::VecDeque;
 
 use crate::sensor::{Pose, Return, Scan, wrap};
-
-use super::odometry::Odometry;
 
 /// Farthest returns that are looked at.
 const FAR_M: f64 = 12.0;
@@ -70,7 +68,7 @@ const MOST_UNSURE_M: f64 = 6.0;
 /// Tracks nearer together than this are of one thing.
 const TWINS_M: f64 = 0.35;
 
-/// A thing that moves, in the frame of the pose.
+/// A thing that moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Mover {
     pub x_m: f64,
@@ -201,7 +199,7 @@ fn round(points: &[(usize, f64, f64, f64)], near: (f64, f64), radius_m: f64) -> 
     (is_near && (off_m2 / points.len() as f64).sqrt() < ROUND_M).then_some((x_m, y_m))
 }
 
-/// A track in the frame of odometry; both axes have the same covariance.
+/// A track; both axes have the same covariance.
 #[derive(Clone, Debug)]
 struct Track {
     at: [f64; 2],
@@ -260,8 +258,6 @@ impl Track {
 /// The tracks and what they come from.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracks {
-    pub odometry: Odometry,
-    sensor: Option<Pose>,
     past: VecDeque<Past>,
     time_s: f64,
     all: Vec<Track>,
@@ -277,11 +273,9 @@ impl Tracks {
 
     /// Takes in a scan; `self.beams` tells what its beams tell.
     pub fn observe(&mut self, time_s: f64, pose: &Pose, scan: &Scan) {
+        let sensor = pose.of_mount(&scan.mount);
         let step_s = time_s - self.time_s;
         self.time_s = time_s;
-        let Some(sensor) = self.sensor_of(pose, scan) else {
-            return;
-        };
         if !(0.0..1.0).contains(&step_s) || scan.angle_increment_rad == 0.0 {
             self.all.clear();
             self.past.clear();
@@ -316,25 +310,6 @@ impl Tracks {
         if self.past.back().is_none_or(|past| past.time_s <= time_s - PAST_STEP_S) {
             self.past.push_back(now);
         }
-    }
-
-    /// Where the sensor was in the frame of odometry. A late scan may come from before the pose was corrected: of the ways in which
-    /// pose and odometry lay to each other lately, that one holds which leads its way on.
-    fn sensor_of(&mut self, pose: &Pose, scan: &Scan) -> Option<Pose> {
-        let told = pose.of_mount(&scan.mount);
-        let last = self.sensor;
-        let off = |sensor: &Pose| {
-            last.map_or(0.0, |last| {
-                last.distance_m(sensor) + wrap(last.heading_rad - sensor.heading_rad).abs()
-            })
-        };
-        let sensor = self
-            .odometry
-            .shifts()
-            .map(|shift| shift.pose(&told))
-            .min_by(|one, other| off(one).total_cmp(&off(other)))?;
-        self.sensor = Some(sensor);
-        Some(sensor)
     }
 
     /// Whether something came to a place lately, or stood there.
@@ -497,22 +472,15 @@ impl Tracks {
 
     /// What moves, where it is at a time.
     pub fn found(&self, time_s: f64) -> Vec<Mover> {
-        let Some(shift) = self.odometry.shifts().next() else {
-            return Vec::new();
-        };
         let since_s = (time_s - self.time_s).clamp(0.0, 1.0);
         self.all
             .iter()
             .filter(|track| track.is_sure && track.speed[0].hypot(track.speed[1]) >= SPEEDS_MPS[0])
             .map(|track| {
-                let at = (
-                    track.at[0] + since_s * track.speed[0],
-                    track.at[1] + since_s * track.speed[1],
-                );
-                let [x_m, y_m, east_mps, north_mps] = shift.back(at, (track.speed[0], track.speed[1]));
+                let [east_mps, north_mps] = track.speed;
                 Mover {
-                    x_m,
-                    y_m,
+                    x_m: track.at[0] + since_s * east_mps,
+                    y_m: track.at[1] + since_s * north_mps,
                     east_mps,
                     north_mps,
                     half_m: track.half_m,
