@@ -78,8 +78,8 @@ pub fn any_angle(graph: &impl AnyAngle, start: Cell, goal: Cell, report: &mut Re
     let Some(sighted) = lazy_theta(graph, start, goal, report) else {
         return WaySearch::Stopped;
     };
-    let ways = [steps, sighted].map(|cells| centres(graph, &cells));
-    best_refined(graph, &ways, report).map_or(WaySearch::Stopped, WaySearch::Found)
+    let [steps, sighted] = [steps, sighted].map(|cells| centres(graph, &cells));
+    best_refined(graph, &steps, &sighted, report).map_or(WaySearch::Stopped, WaySearch::Found)
 }
 
 /// The centres of cells.
@@ -87,16 +87,20 @@ pub(super) fn centres(graph: &impl StepGraph, cells: &[Cell]) -> Vec<Position> {
     cells.iter().map(|&cell| graph.geometry().centre(cell)).collect()
 }
 
-/// Refines each way and returns the cheapest, the first among equals; `None` when the caller asked to stop.
-pub(super) fn best_refined(graph: &impl AnyAngle, ways: &[Vec<Position>], report: &mut Report) -> Option<Way> {
-    let mut best: Option<Way> = None;
-    for way in ways.iter().filter(|way| !way.is_empty()) {
-        let refined = refine(graph, way, report)?;
-        if best.as_ref().is_none_or(|best| refined.cost < best.cost) {
-            best = Some(refined);
-        }
+/// Refines a way and another and returns the cheaper, the first among equals; `None` only when the caller asked to stop.
+/// The other one is left out when it has no vertices.
+pub(super) fn best_refined(
+    graph: &impl AnyAngle,
+    way: &[Position],
+    other: &[Position],
+    report: &mut Report,
+) -> Option<Way> {
+    let best = refine(graph, way, report)?;
+    if other.is_empty() {
+        return Some(best);
     }
-    best
+    let other = refine(graph, other, report)?;
+    Some(if other.cost < best.cost { other } else { best })
 }
 
 /// Lazy Theta* from `start` to `goal` (Nash, Koenig and Tovey 2010), on costs instead of lengths: when a cell is expanded,

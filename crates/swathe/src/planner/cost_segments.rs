@@ -4,9 +4,10 @@ use crate::grid::{Cell, GridGeometry, LayerView, Position, Step, pieces, swept_c
 use crate::progress::Report;
 
 use super::PlannerError;
-use super::any_angle::{AnyAngle, Way, WaySearch, any_angle, best_refined};
+use super::any_angle::{AnyAngle, Way, WaySearch, any_angle};
 use super::cells::{Algorithm, Corners, CostCells};
 use super::eikonal::march;
+use super::refine::refine;
 use super::search::StepGraph;
 
 /// Coordinates nearer than this to a cell border, in cells, lie on it; the same as in `grid::swept_cells`.
@@ -202,7 +203,7 @@ pub fn any_angle_path(
         };
         // Steps of the field share a side; where corners may be cut, only the other methods find a way.
         if let Some(down) = field.way_to(&graph, goal) {
-            match best_refined(&graph, &[down], report) {
+            match refine(&graph, &down, report) {
                 None => return Ok(WaySearch::Stopped),
                 Some(way) if best.as_ref().is_none_or(|best| way.cost < best.cost) => best = Some(way),
                 Some(_) => {}

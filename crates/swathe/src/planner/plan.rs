@@ -474,8 +474,8 @@ impl Planner<'_> {
                 let mut tell = |done, total| watch.ask(Stage::Route, done, total);
                 let (first, last) = (cells[0], cells[cells.len() - 1]);
                 let sighted = lazy_theta(ground, first, last, &mut tell).ok_or(PlannerError::Stopped)?;
-                let ways = [joined(shorten(ground, &steps)), joined(centres(ground, &sighted))];
-                let best = best_refined(ground, &ways, &mut tell).ok_or(PlannerError::Stopped)?;
+                let (short, sighted) = (joined(shorten(ground, &steps)), joined(centres(ground, &sighted)));
+                let best = best_refined(ground, &short, &sighted, &mut tell).ok_or(PlannerError::Stopped)?;
                 best.points
             }
         };
@@ -505,10 +505,10 @@ fn unreachable_segment(answer: &mut Plan) {
 fn join(ground: &Ground, mut points: Vec<Position>, start: Position, goal: Position) -> Vec<Position> {
     if points.len() < 2 {
         if start == goal {
-            return Vec::new();
+            return vec![start];
         }
         let direct = ground.segment(start, goal).is_ok();
-        return if direct { vec![start, goal] } else { Vec::new() };
+        return if direct { vec![start, goal] } else { points };
     }
     let drivable = |a, b| ground.segment(a, b).is_ok();
     if drivable(start, points[1]) {

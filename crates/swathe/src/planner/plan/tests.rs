@@ -177,12 +177,57 @@ fn ends_are_moved_to_near_ground_or_refused() {
     assert!(refusal.reason.contains("4800 m outside"), "{refusal:?}");
 }
 
+/// Every kind of path from one place to another in the same cell, by every method.
+fn within_a_cell(layers: &(Layer<f32>, Layer<u8>), start: Position, goal: Position) -> Vec<Route> {
+    use PathKind::{AnyAngle, Auto, Drivable, Grid8, Grid16};
+    let ask = PlanRequest {
+        start,
+        goal,
+        ..request(layers.0.geometry(), (0, 0), (0, 0))
+    };
+    let mut routes = Vec::new();
+    for path in [Grid8, Grid16, AnyAngle, Drivable, Auto] {
+        for (method, arc) in [
+            (Method::Swarm, ArcKind::Spine),
+            (Method::Swarm, ArcKind::Relaid),
+            (Method::Exact, ArcKind::Spine),
+        ] {
+            let ask = PlanRequest {
+                method,
+                arc,
+                path,
+                ..ask
+            };
+            routes.push(solve(layers, &ask).answer.unwrap());
+        }
+    }
+    routes
+}
+
 #[test]
 fn a_start_that_is_the_goal_is_a_route_of_no_length() {
     let layers = world(&LAKE);
-    let found = solve(&layers, &request(layers.0.geometry(), (2, 2), (2, 2)));
-    let route = found.answer.unwrap();
-    assert_eq!((route.legs.len(), route.total.length_m), (0, 0.0));
+    let place = layers.0.geometry().centre(Cell::new(2, 2));
+    for route in within_a_cell(&layers, place, place) {
+        assert_eq!((route.legs.len(), route.total.length_m), (0, 0.0));
+    }
+}
+
+#[test]
+fn ends_in_one_cell_are_joined_where_that_can_be_driven() {
+    let layers = world(&LAKE);
+    let place = layers.0.geometry().centre(Cell::new(7, 7));
+    let (start, goal) = (place, Position::new(place.x_m - 3.0, place.y_m));
+    for route in within_a_cell(&layers, start, goal) {
+        assert_eq!(route.points(), [start, goal]);
+    }
+    // Too near to the water for the vehicle's width.
+    let (start, goal) = [3.0, -3.0]
+        .map(|north_m| Position::new(place.x_m + 4.99, place.y_m + north_m))
+        .into();
+    for route in within_a_cell(&layers, start, goal) {
+        assert_eq!(route.legs, []);
+    }
 }
 
 #[test]
