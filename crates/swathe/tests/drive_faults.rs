@@ -298,8 +298,6 @@ fn goals_that_cannot_be_reached_are_told() {
     for (world, goal, reasons) in cases {
         let mut drive = Drive::new(world, jackal(), goal);
         drive.region = Some(map_of(world));
-        // It looks twice: the second time it has forgotten what it saw.
-        drive.seconds = 300.0;
         let outcome = drive.run();
         assert_eq!(
             (outcome.status, outcome.collisions),

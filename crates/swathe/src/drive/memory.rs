@@ -159,6 +159,20 @@ mod tests {
 
     proptest! {
         #[test]
+        fn only_what_is_near_is_kept(cells in prop::collection::btree_set((-100i64..100, -100i64..100), 1..60), near_m in 0.1..8.0_f64) {
+            let mut memory = Memory::new(0.2, 1000);
+            for &cell in &cells {
+                memory.set(cell, Seen::Occupied);
+            }
+            memory.clear_beyond(0.1, -0.1, near_m);
+            let reach = (near_m / 0.2).ceil() as i64;
+            for &cell in &cells {
+                let is_kept = memory.get(cell) == Seen::Occupied;
+                prop_assert_eq!(is_kept, cell.0.abs().max(cell.1.abs()) <= reach);
+            }
+        }
+
+        #[test]
         fn cells_are_remembered_wherever_they_lie(cells in prop::collection::btree_set((-500i64..500, -500i64..500), 1..40)) {
             let mut memory = Memory::new(0.2, 1000);
             for &cell in &cells {

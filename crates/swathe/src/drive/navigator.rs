@@ -302,24 +302,7 @@ impl Navigator {
             return stand(Status::Fault, self.refused.unwrap_or(Reason::StaleScan));
         }
         let scan = scan.filter(|_| age_s == 0.0);
-        let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
-        let stopping_m = self
-            .shape
-            .stopping_m(seen.speed_mps.abs().min(self.shape.max_speed_mps));
-        self.around.gather(
-            (&self.grid, SURE),
-            &pose,
-            &self.shape,
-            (reach_m, stopping_m),
-            (self.margin_m(seen.speed_mps), self.least_m()),
-        );
-        self.around.add(
-            self.fresh.iter().flat_map(|(_, places)| places).copied(),
-            (&self.grid, SURE),
-            &pose,
-            &self.shape,
-            reach_m,
-        );
+        self.gather(&pose, seen.speed_mps);
         if let Some(reason) = self.own_ground(at) {
             self.end = Some((Status::Stopped, reason));
             return stand(Status::Stopped, reason);
@@ -365,6 +348,26 @@ impl Navigator {
             Some(_) => (wanted, Status::Recovering, Reason::GroundNoGo),
             None => (wanted, Status::Driving, Reason::OnTheWay),
         }
+    }
+
+    /// Gathers what stands around a pose: from the certainty grid, and every return of the last second.
+    fn gather(&mut self, pose: &Pose, speed_mps: f64) {
+        let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
+        let stopping_m = self.shape.stopping_m(speed_mps.abs().min(self.shape.max_speed_mps));
+        self.around.gather(
+            (&self.grid, SURE),
+            pose,
+            &self.shape,
+            (reach_m, stopping_m),
+            (self.margin_m(speed_mps), self.least_m()),
+        );
+        self.around.add(
+            self.fresh.iter().flat_map(|(_, places)| places).copied(),
+            (&self.grid, SURE),
+            pose,
+            &self.shape,
+            reach_m,
+        );
     }
 
     /// Seconds since the last step, or why they cannot be told.

@@ -58,7 +58,8 @@ pub(super) struct Odometry {
     pose: Pose,
     /// How it lay to the told pose, and until when, the last first.
     shifts: VecDeque<(f64, Shift)>,
-    was_corrected: bool,
+    /// Whether pose and wheels told otherwise in the last step.
+    was_off: bool,
     sensor: Option<Pose>,
     doubt: PoseDoubt,
 }
@@ -88,8 +89,8 @@ impl Odometry {
         let is_off = off_m >= CORRECTED_M + 0.5 * (speed_mps * step_s).abs()
             || off_rad >= CORRECTED_RAD + 0.5 * (turn_radps * step_s).abs();
         // Wheels that spin go on telling otherwise: the pose is right then.
-        self.was_corrected = is_off && !self.was_corrected;
-        if self.was_corrected {
+        let was_off = std::mem::replace(&mut self.was_off, is_off);
+        if is_off && !was_off {
             self.doubt.place_m = self.doubt.place_m.max(off_m);
             self.doubt.heading_rad = self.doubt.heading_rad.max(off_rad);
             self.pose = reckoned;

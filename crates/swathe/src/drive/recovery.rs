@@ -24,6 +24,9 @@ const ALL_RECOVERIES: u32 = 10;
 /// How often a drive forgets what it has seen before it says that there is no way.
 const MOST_FORGETS: u32 = 1;
 
+/// Poses that were corrected by this much lately may have put things to where they are not.
+const DOUBTFUL_M: f64 = 0.02;
+
 /// Off the nose by this much, the way does not lead through the place before it.
 const STAMP_RAD: f64 = 0.8;
 
@@ -109,23 +112,25 @@ impl Navigator {
             self.begin(recovery, at);
             return None;
         }
-        if self.forget(at) {
-            return None;
-        }
-        let reason = if self.thread.goal_closed {
-            Reason::GoalBlocked
-        } else {
-            reason
-        };
-        if reason == Reason::GoalBlocked {
-            // A goal cell that was closed may be open again, or another cell near it may do.
-            self.window = None;
-        }
         let goal = self.goal;
         let off_map = self
             .region
             .as_ref()
             .is_some_and(|region| !matches!(region.rank(goal), Some(rank) if rank != 1));
+        let reason = if self.thread.goal_closed {
+            Reason::GoalBlocked
+        } else {
+            reason
+        };
+        // What closes the goal in was looked at from near by; only a wrong pose can have put it there.
+        let is_doubtful = reason == Reason::Enclosed || self.odometry.doubt().place_m > DOUBTFUL_M;
+        if !off_map && is_doubtful && self.forget(at) {
+            return None;
+        }
+        if reason == Reason::GoalBlocked {
+            // A goal cell that was closed may be open again, or another cell near it may do.
+            self.window = None;
+        }
         self.blocked_since_s = None;
         self.watch.restart();
         Some((Status::NoRoute, if off_map { Reason::GoalOffMap } else { reason }))

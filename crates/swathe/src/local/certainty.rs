@@ -4,16 +4,17 @@
 //! a few scans (Hornung et al., `OctoMap`, 2013). Histogramic in-motion mapping after Borenstein and Koren, 1991: a hit
 //! adds 3, a cell that a beam crossed loses 1, between 0 and 15.
 
+mod ray;
+
 use crate::sensor::{Pose, Return, Scan};
+
+use ray::Ray;
 
 /// Greatest certainty that an obstacle stands in a cell, the scale of the vector field histogram.
 pub const CERTAINTY_MAX: u8 = 15;
 
 /// Certainty of a cell that no beam has reached, beyond every other.
 const UNSEEN: u8 = u8::MAX;
-
-/// Side of a part of a cell, in cells.
-const PART: f64 = 1.0 / 8.0;
 
 /// Log-odds are counted in this many steps per natural unit.
 const STEPS: f64 = 256.0;
@@ -170,38 +171,6 @@ impl Levels {
 
     fn certainty(&self, level: i16) -> u8 {
         self.certainty[(level - self.low) as usize]
-    }
-}
-
-/// A beam in units of cells, x right and y down.
-struct Ray {
-    from: [f64; 2],
-    toward: [f64; 2],
-    /// Half the angle to the next beam.
-    half_rad: f64,
-    /// How far the beam may be off, and by what angle.
-    doubt: f64,
-    doubt_rad: f64,
-}
-
-impl Ray {
-    /// Whether the beam comes so near to a part in which something was met that it tells of it: a corner that fills a part of a
-    /// cell is not gone when beams cross the rest of it.
-    fn passes(&self, cell: (i64, i64), parts: u64) -> bool {
-        let corner = [cell.1 as f64 - self.from[0], cell.0 as f64 - self.from[1]];
-        let mut rest = parts;
-        while rest != 0 {
-            let part = rest.trailing_zeros();
-            rest &= rest - 1;
-            let x = corner[0] + (f64::from(part % 8) + 0.5) / 8.0;
-            let y = corner[1] + (f64::from(part / 8) + 0.5) / 8.0;
-            let away = x * self.toward[0] + y * self.toward[1];
-            let aside = (x * self.toward[1] - y * self.toward[0]).abs();
-            if aside <= (self.half_rad * away).max(PART) + self.doubt + self.doubt_rad * away {
-                return true;
-            }
-        }
-        parts == 0
     }
 }
 

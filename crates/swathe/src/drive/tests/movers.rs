@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use super::world::{World, car, jackal, pioneer};
 use crate::drive::movers::{Plan, cost};
+use crate::drive::odometry::Odometry;
 use crate::drive::params::Shape;
 use crate::drive::tracks::{Mover, Tracks};
 use crate::drive::{DriveParams, Navigator, Observation, Status};
@@ -25,6 +26,13 @@ fn told(pose: &Pose, (east_m, north_m, turn_rad): (f64, f64, f64)) -> Pose {
     )
 }
 
+/// What leads from one pose to another.
+fn from_to(one: &Pose, other: &Pose) -> (f64, f64, f64) {
+    let turn_rad = wrap(other.heading_rad - one.heading_rad);
+    let turned = told(one, (0.0, 0.0, turn_rad));
+    (other.x_m - turned.x_m, other.y_m - turned.y_m, turn_rad)
+}
+
 /// Watches a world that changes with time from a vehicle that drives an arc; its pose jumps once a second.
 fn watch(
     world: impl Fn(f64) -> World,
@@ -32,22 +40,17 @@ fn watch(
     jumps: &[(f64, f64, f64)],
     mut each: impl FnMut(f64, &Tracks, (f64, f64, f64)),
 ) {
-    let mut tracks = Tracks::default();
+    let (mut odometry, mut tracks) = (Odometry::default(), Tracks::default());
     let mut truth = Pose::default();
     for k in 0..(jumps.len() * 35) {
         let time_s = k as f64 * STEP_S;
         let jump = jumps[k / 35];
-        let pose = told(&truth, jump);
-        tracks.odometry.roll(
-            time_s,
-            &pose,
-            (speed_mps, turn_radps),
-            if k == 0 { 0.0 } else { STEP_S },
-        );
+        let step_s = if k == 0 { 0.0 } else { STEP_S };
+        let pose = odometry.roll(time_s, &told(&truth, jump), (speed_mps, turn_radps), step_s);
         let scan = world(time_s).scan(&truth, Mount::default(), 181, PI, 8.0);
         tracks.beams = (0..181).map(|beam| scan.beam(beam)).collect();
         tracks.observe(time_s, &pose, &scan);
-        each(time_s, &tracks, jump);
+        each(time_s, &tracks, from_to(&truth, &pose));
         let middle_rad = truth.heading_rad + turn_radps * STEP_S / 2.0;
         truth = Pose::level(
             truth.x_m + speed_mps * STEP_S * middle_rad.cos(),
@@ -78,10 +81,10 @@ proptest! {
             World { discs: vec![(at.0, at.1, 0.3)], walls: vec![[(7.5, -4.0), (7.5, 4.0)]] }
         };
         let mut wrong = None;
-        watch(world, (drives_mps, turns_radps), &fixes, |time_s, tracks, jump| {
+        watch(world, (drives_mps, turns_radps), &fixes, |time_s, tracks, off| {
             let at = place(time_s);
             if (1.9..2.0).contains(&time_s) && at.0 > 1.0 {
-                let truth = told(&Pose::level(at.0, at.1, course_rad), jump);
+                let truth = told(&Pose::level(at.0, at.1, course_rad), off);
                 let found = tracks.found(time_s);
                 let is_right = found.len() == 1 && found.iter().all(|one| {
                     let off_m = (one.x_m - truth.x_m).hypot(one.y_m - truth.y_m);

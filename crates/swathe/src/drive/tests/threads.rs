@@ -160,8 +160,10 @@ fn a_vehicle_beside_a_wall_gets_away_without_room_to_turn(#[case] right_m: f64, 
     );
 }
 
-#[test]
-fn a_vehicle_in_a_crooked_slot_drives_out_of_it() {
+#[rstest]
+#[case::short(0.6)]
+#[case::long(4.0)]
+fn a_vehicle_in_a_crooked_slot_drives_out_of_it(#[case] ahead_m: f64) {
     // Twelve degrees off the nearest direction, and no room to turn to it.
     let shape = shape(0.0);
     let heading_rad: f64 = 0.21;
@@ -169,8 +171,8 @@ fn a_vehicle_in_a_crooked_slot_drives_out_of_it() {
     let (sin, cos) = heading_rad.sin_cos();
     let at = |ahead: f64, left: f64| (cos * ahead - sin * left, sin * ahead + cos * left);
     let half = shape.half_width_m + 0.07;
-    let mut points = line(at(-0.8, half), at(0.6, half));
-    points.extend(line(at(-0.8, -half), at(0.6, -half)));
+    let mut points = line(at(-0.8, half), at(ahead_m, half));
+    points.extend(line(at(-0.8, -half), at(ahead_m, -half)));
     points.extend(line(at(-0.8, -half), at(-0.8, half)));
     let Told::Way(legs) = search(&shape, &points, &start, (-4.0, 0.0), Effort::Tight) else {
         panic!("it can drive straight ahead");

@@ -136,10 +136,12 @@ pub(super) struct Field {
     pub half_length_m: f64,
     pub half_width_m: f64,
     pub radius_m: f64,
-    /// Middles along the footprint, by metres ahead, of discs that cover it together, and of discs within it; the radius of the
-    /// former, the latter have half its width.
+    /// Middles along the footprint, by metres ahead, of discs that cover it together with what it keeps from things, and of discs
+    /// within it; the radius of the former, the latter have half its width.
     covers: [f64; COVERS],
     cover_m: f64,
+    /// How far from its middle nothing is near to a footprint in any heading.
+    clear_m: f64,
     within: [f64; 3],
 }
 
@@ -204,7 +206,8 @@ impl Field {
                 let share = (2 * k + 1) as f64 / COVERS as f64 - 1.0;
                 share * shape.half_length_m
             }),
-            cover_m: (shape.half_length_m / COVERS as f64).hypot(shape.half_width_m),
+            cover_m: (shape.half_length_m / COVERS as f64 + closes_m).hypot(shape.half_width_m + closes_m),
+            clear_m: (shape.half_length_m + closes_m).hypot(shape.half_width_m + closes_m),
             within: [-1.0, 0.0, 1.0].map(|side| side * (shape.half_length_m - shape.half_width_m).max(0.0)),
         };
         field.place(met, grid, pose);
@@ -455,7 +458,7 @@ impl Field {
     /// Whether the footprint may stand around a cell's middle in any heading, or in none; `None` where that must be looked at.
     pub fn plainly(&self, index: usize) -> Option<bool> {
         let near_m = f64::from(self.near_m[index]);
-        if near_m > self.radius_m + self.closes_m {
+        if near_m > self.clear_m {
             Some(true)
         } else if self.lets_disc(index) {
             None
@@ -468,7 +471,7 @@ impl Field {
     pub fn is_free(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
         let cell = self.cell(x_m, y_m);
         let Some(index) = self.index(cell) else { return false };
-        if f64::from(self.near_m[index]) - 0.71 * self.size_m > self.radius_m + self.closes_m {
+        if f64::from(self.near_m[index]) - 0.71 * self.size_m > self.clear_m {
             return true;
         }
         let (sin, cos) = heading_rad.sin_cos();
@@ -482,11 +485,11 @@ impl Field {
         if self.within.iter().any(|&ahead_m| near_m(ahead_m) + slack_m < least_m) {
             return false;
         }
-        let enough_m = self.cover_m + self.closes_m + slack_m;
+        let enough_m = self.cover_m + slack_m;
         if self.covers.iter().all(|&ahead_m| near_m(ahead_m) > enough_m) {
             return true;
         }
-        let reach = ((self.radius_m + self.closes_m) / self.size_m).ceil() as i64;
+        let reach = (self.clear_m / self.size_m).ceil() as i64;
         let columns = (cell.1 - reach).max(0)..(cell.1 + reach + 1).min(self.columns);
         for row in (cell.0 - reach).max(0)..(cell.0 + reach + 1).min(self.rows) {
             // The points of a row of cells follow each other.

@@ -190,6 +190,21 @@ fn a_corner_stays_when_beams_cross_the_rest_of_its_cell() {
 }
 
 #[test]
+fn what_is_near_is_kept_when_the_rest_is_forgotten() {
+    let mut grid = grid(Evidence::default(), f64::INFINITY);
+    for range_m in [0.5, 1.5] {
+        for _ in 0..5 {
+            look(&mut grid, &Pose::level(0.05, range_m - 0.45, 0.0), &beam(range_m));
+        }
+    }
+    let told = |grid: &CertaintyGrid| [grid.certainty_at(0.55, 0.05), grid.certainty_at(1.55, 1.05)];
+    let before = told(&grid);
+    assert!(before.iter().all(|&certainty| certainty > Some(0)));
+    grid.clear_beyond(0.05, 0.05, 0.9);
+    assert_eq!(told(&grid), [before[0], None]);
+}
+
+#[test]
 fn what_was_met_from_a_doubtful_pose_goes_when_beams_pass_beside_it() {
     let certainty_after = |doubt: PoseDoubt| {
         let mut grid = grid(Evidence::default(), f64::INFINITY);
