@@ -1,7 +1,7 @@
 //! A beam that passes through cells, and what it tells of their parts.
 
-/// Side of a part of a cell, in cells.
-const PART: f64 = 1.0 / 8.0;
+/// Half the side of a part of a cell, in cells.
+const HALF_PART: f64 = 1.0 / 16.0;
 
 /// A beam in units of cells, x right and y down.
 pub(super) struct Ray {
@@ -27,7 +27,7 @@ impl Ray {
             let y = corner[1] + (f64::from(part / 8) + 0.5) / 8.0;
             let away = x * self.toward[0] + y * self.toward[1];
             let aside = (x * self.toward[1] - y * self.toward[0]).abs();
-            if aside <= (self.half_rad * away).max(PART) + self.doubt + self.doubt_rad * away {
+            if aside <= (self.half_rad * away).max(HALF_PART) + self.doubt + self.doubt_rad * away {
                 return true;
             }
         }
