@@ -255,8 +255,7 @@ impl Navigator {
             return Some((0.0, 0.0));
         }
         let free_rad = self
-            .around
-            .turn_rad(&self.shape, off_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD))
+            .free_turn_rad(now, off_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD))
             .abs();
         if free_rad < 0.03_f64.min(off_rad.abs()) {
             return Some((0.0, 0.0));

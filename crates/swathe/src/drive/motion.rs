@@ -74,6 +74,9 @@ impl Now<'_> {
     }
 }
 
+/// Wheels that skid turn a vehicle by up to this share less than they are told.
+const SKID_SHARE: f64 = 0.15;
+
 impl Navigator {
     /// Distance kept from obstacles at a speed.
     pub(super) fn margin_m(&self, speed_mps: f64) -> f64 {
@@ -207,16 +210,22 @@ impl Navigator {
         }
         for wanted_rad in [off_rad, off_rad - off_rad.signum() * std::f64::consts::TAU] {
             let looked_rad = wanted_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD);
-            let mut free_rad = self.around.turn_rad(&self.shape, looked_rad);
-            if let Some(region) = &self.region {
-                free_rad = region.turn_allowed_rad(&now.pose, free_rad);
-            }
+            let free_rad = self.free_turn_rad(now, looked_rad);
             if free_rad.abs() >= 0.1 {
                 let most = self.turn_rate_within(free_rad, now);
                 return (0.0, (TURN_GAIN * wanted_rad).clamp(-most, most));
             }
         }
         (0.0, 0.0)
+    }
+
+    /// How much of a turn in place is free and brings the wheels onto no slope beyond their limits.
+    pub(super) fn free_turn_rad(&self, now: &Now, wanted_rad: f64) -> f64 {
+        let free_rad = self.around.turn_rad(&self.shape, wanted_rad);
+        match &self.region {
+            Some(region) => region.turn_allowed_rad(&now.pose, free_rad),
+            None => free_rad,
+        }
     }
 
     /// Greatest turn rate in place from which the vehicle stands within a free angle: its wheels, half its width aside, brake as
@@ -256,7 +265,12 @@ impl Navigator {
     pub(super) fn guarded(&self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
         let moves = (now.speed_mps, now.turn_rate_radps);
         let told_s = now.age_s + 2.0 * now.step_s.min(0.5);
-        let clears = |told: (f64, f64), told_s: f64| self.around.stays_clear(&self.shape, moves, told, told_s);
+        let wanted = self.shape.within_turn_rate(wanted);
+        let follows = |told: (f64, f64), told_s: f64| self.around.stays_clear(&self.shape, moves, told, told_s);
+        let clears = |told: (f64, f64), told_s: f64| {
+            let is_arc = self.shape.turns_in_place() && told.0 != 0.0 && told.1 != 0.0;
+            follows(told, told_s) && (!is_arc || follows((told.0, (1.0 - SKID_SHARE) * told.1), told_s))
+        };
         let slower = [1.0, 0.5, 0.25].map(|share| (share * wanted.0, share * wanted.1));
         if let Some(told) = slower.into_iter().find(|&told| clears(told, told_s)) {
             return told;

@@ -257,6 +257,12 @@ impl Shape {
         }
     }
 
+    /// The fastest command on the arc of one that the turn rate allows.
+    pub fn within_turn_rate(&self, (speed_mps, turn_radps): (f64, f64)) -> (f64, f64) {
+        let share = (self.max_turn_rate_radps / turn_radps.abs().max(1e-9)).min(1.0);
+        (share * speed_mps, share * turn_radps)
+    }
+
     /// A turn rate within the limits at a speed.
     pub fn turn_rate(&self, wanted_radps: f64, speed_mps: f64) -> f64 {
         let most = if self.turns_in_place() {
@@ -265,5 +271,26 @@ impl Shape {
             (speed_mps.abs() / self.turn_radius_m).min(self.max_turn_rate_radps)
         };
         wanted_radps.clamp(-most, most)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vehicle::fixtures::{pioneer, tractor};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_turns_too_fast_is_slowed_on_its_arc(
+            speed_mps in -3.0..3.0_f64, turn_radps in -12.0..12.0_f64, is_car in prop::bool::ANY,
+        ) {
+            let vehicle = if is_car { tractor() } else { pioneer() };
+            let shape = Shape::of(&vehicle, &DriveParams::default());
+            let (slower_mps, slower_radps) = shape.within_turn_rate((speed_mps, turn_radps));
+            prop_assert!(slower_radps.abs() <= shape.max_turn_rate_radps * (1.0 + 1e-12));
+            prop_assert!((slower_mps * turn_radps - slower_radps * speed_mps).abs() < 1e-9);
+            prop_assert!(turn_radps.abs() > shape.max_turn_rate_radps || (slower_mps, slower_radps) == (speed_mps, turn_radps));
+        }
     }
 }

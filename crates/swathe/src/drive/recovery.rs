@@ -366,7 +366,7 @@ impl Navigator {
             return Some((0.0, 0.0));
         }
         let tried = left_rad.clamp(-TURN_LOOK_RAD, TURN_LOOK_RAD);
-        let free_rad = self.around.turn_rad(&self.shape, tried).abs();
+        let free_rad = self.free_turn_rad(now, tried).abs();
         if free_rad < 0.05_f64.min(left_rad.abs()) {
             return None;
         }
