@@ -24,6 +24,8 @@ const WIDE_M: f64 = 0.15;
 
 /// Widest turn that is driven on the way, where there is room, instead of on the spot.
 const BEND_RAD: f64 = 0.7;
+/// Farther off the heading of a run than this a vehicle that turns in place stops and turns back to it.
+const STRAY_RAD: f64 = 1.0;
 
 /// Distance kept before an obstacle on a leg, and so by a vehicle with a turning circle that backs.
 const KEEP_M: f64 = 0.02;
@@ -318,6 +320,12 @@ impl Navigator {
         let rest_m = length_m.abs() - along_m;
         if rest_m < THERE_M {
             return None;
+        }
+        // Steered back from far off, at speed, it would drive around in circles.
+        if shape.turns_in_place() && off_rad.abs() > STRAY_RAD {
+            return self
+                .turn_to(now, wrap(now.pose.heading_rad + off_rad))
+                .or(Some((0.0, 0.0)));
         }
         let within_m = (0.6 * shape.radius_m).max(0.25);
         let side = if backs { -1.0 } else { 1.0 };
