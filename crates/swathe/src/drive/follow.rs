@@ -24,7 +24,9 @@ const WIDE_M: f64 = 0.15;
 
 /// Widest turn that is driven on the way, where there is room, instead of on the spot.
 const BEND_RAD: f64 = 0.7;
-/// Farther off the heading of a run than this a vehicle that turns in place stops and turns back to it.
+/// Farther beside a run than this a vehicle that turns in place stops, and another way is searched; farther off its heading it
+/// stops and turns back to it.
+const STRAY_M: f64 = 0.6;
 const STRAY_RAD: f64 = 1.0;
 
 /// Distance kept before an obstacle on a leg, and so by a vehicle with a turning circle that backs.
@@ -321,7 +323,10 @@ impl Navigator {
         if rest_m < THERE_M {
             return None;
         }
-        // Steered back from far off, at speed, it would drive around in circles.
+        // Steered back from far off it would drive around in circles.
+        if shape.turns_in_place() && left_m.abs() > STRAY_M {
+            return Some((0.0, 0.0));
+        }
         if shape.turns_in_place() && off_rad.abs() > STRAY_RAD {
             return self
                 .turn_to(now, wrap(now.pose.heading_rad + off_rad))
@@ -379,5 +384,67 @@ impl Navigator {
             return Some((0.0, 0.0));
         }
         Some((side * speed_mps, side * speed_mps * steered))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::tests::world::{World, pioneer};
+    use crate::drive::{DriveParams, Observation};
+    use crate::sensor::{Mount, Pose};
+    use rstest::rstest;
+    use std::f64::consts::PI;
+
+    const STEP_S: f64 = 1.0 / 35.0;
+
+    #[rstest]
+    fn a_run_is_driven_to_its_end_or_given_up_without_circling(
+        #[values(-2.6, -1.5, -0.4, 0.4, 1.5, 2.6)] heading_rad: f64,
+        #[values(-2.5, -1.2, -0.2, 0.3, 1.8)] left_m: f64,
+        #[values(-4.0, 0.0, 4.0)] turns_radps: f64,
+    ) {
+        let world = World::with_walls(&[&[(14.0, -8.0), (14.0, 8.0)]]);
+        let mut navigator = Navigator::new(&pioneer(), Position::new(12.0, 0.0), None, DriveParams::default()).unwrap();
+        let mut pose = Pose::level(0.0, left_m, heading_rad);
+        let (mut speed_mps, mut turn_radps, mut turned_rad) = (1.0_f64, turns_radps, 0.0);
+        let end_s = (0..35 * 30).find_map(|k| {
+            if k == 1 {
+                navigator.recovery = Some(Recovery::Thread);
+                navigator.thread.leave_m = f64::INFINITY;
+                navigator.thread.legs = vec![Leg::Run {
+                    from: (0.0, 0.0, 0.0),
+                    curvature_per_m: 0.0,
+                    length_m: 6.0,
+                }];
+            }
+            let scan = world.scan(&pose, Mount::default(), 361, 2.0 * PI, 10.0);
+            let command = navigator.step(&Observation {
+                time_s: f64::from(k) * STEP_S,
+                pose,
+                speed_mps,
+                turn_rate_radps: turn_radps,
+                scan: Some(&scan),
+                reading: None,
+            });
+            // As fast as its wheels can: 2 m/s², 0.2 m aside.
+            speed_mps += (command.speed_mps - speed_mps).clamp(-2.0 * STEP_S, 2.0 * STEP_S);
+            turn_radps += (command.turn_rate_radps - turn_radps).clamp(-9.0 * STEP_S, 9.0 * STEP_S);
+            turned_rad += turn_radps.abs() * STEP_S;
+            let (sin, cos) = pose.heading_rad.sin_cos();
+            pose = Pose::level(
+                pose.x_m + speed_mps * STEP_S * cos,
+                pose.y_m + speed_mps * STEP_S * sin,
+                wrap(pose.heading_rad + turn_radps * STEP_S),
+            );
+            let is_over = pose.x_m > 5.9 || (k > 1 && navigator.thread.legs.is_empty());
+            is_over.then_some(f64::from(k) * STEP_S)
+        });
+        assert!(
+            end_s.is_some() && turned_rad < 2.5 * PI,
+            "{end_s:?} {turned_rad} {pose:?}"
+        );
+        let is_given_up = navigator.thread.legs.is_empty();
+        assert!(is_given_up || (left_m.abs() < 1.0 && pose.y_m.abs() < 0.2), "{pose:?}");
     }
 }

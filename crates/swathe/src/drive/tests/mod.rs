@@ -7,4 +7,4 @@ mod movers;
 mod odometry;
 mod threads;
 mod ways;
-mod world;
+pub(super) mod world;
