@@ -54,6 +54,17 @@ impl Pose {
             ..*self
         }
     }
+
+    /// Where a sensor at a pose of the same frame sits on a body here: what [`Pose::of_mount`] undoes.
+    pub fn mount_of(&self, sensor: &Self) -> Mount {
+        let (dx, dy) = (sensor.x_m - self.x_m, sensor.y_m - self.y_m);
+        let (sin, cos) = self.heading_rad.sin_cos();
+        Mount {
+            x_m: cos * dx + sin * dy,
+            y_m: cos * dy - sin * dx,
+            heading_rad: wrap(sensor.heading_rad - self.heading_rad),
+        }
+    }
 }
 
 /// Where a sensor sits on the body: x ahead, y to the left.

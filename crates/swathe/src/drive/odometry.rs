@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use crate::local::PoseDoubt;
-use crate::sensor::{Mount, Pose, Scan, wrap};
+use crate::sensor::{Pose, Scan, wrap};
 
 /// A pose that moves otherwise than the wheels by this much, and half of what they moved, in one step was corrected, and for how
 /// long a scan may be late for it.
@@ -140,14 +140,7 @@ impl Odometry {
         if self.shifts.iter().all(|(_, shift)| *shift == Shift::default()) {
             return Cow::Borrowed(scan);
         }
-        let pose = self.now(told);
-        let (dx, dy) = (sensor.x_m - pose.x_m, sensor.y_m - pose.y_m);
-        let (sin, cos) = pose.heading_rad.sin_cos();
-        let mount = Mount {
-            x_m: cos * dx + sin * dy,
-            y_m: cos * dy - sin * dx,
-            heading_rad: wrap(sensor.heading_rad - pose.heading_rad),
-        };
+        let mount = self.now(told).mount_of(&sensor);
         Cow::Owned(Scan { mount, ..scan.clone() })
     }
 

@@ -352,7 +352,8 @@ impl RouteWindow {
     }
 
     /// The place to head for, some metres ahead at most: on the straight line to the farthest point of the way to which that line
-    /// is open and costs no more than the way itself, as far as `sight_m` along it. A way of steps to eight sides turns where open ground does not ask for it.
+    /// is open and costs no more than the way itself, as far as `sight_m` along it. A way of steps to eight sides turns where open
+    /// ground does not ask for it.
     pub fn ahead(&self, at: Position, lookahead_m: f64, sight_m: f64) -> Option<Position> {
         let first = *self.way.first()?;
         let mut best = *self.way.get(1).unwrap_or(&first);
@@ -513,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn over_open_ground_it_heads_straight_for_the_goal_and_past_a_corner_for_the_corner() {
+    fn over_open_ground_it_heads_straight_for_the_goal_and_through_no_wall() {
         const OPEN: [&str; 1] = ["."; 1];
         let at = Position::new(0.5, -0.5);
         let off = |window: &RouteWindow, goal: Position, sight_m: f64| {

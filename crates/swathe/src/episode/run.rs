@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::drive::{self, Navigator, Observation, Reason, Status};
 use crate::grid::Position;
-use crate::sensor::{Mount, PenetrometerReading, Pose, Scan, wrap};
+use crate::sensor::{PenetrometerReading, Pose, Scan};
 use crate::sim::{self, Robot, World};
 
 use super::blame::Trail;
@@ -269,13 +269,7 @@ impl Episode {
             return Some(scan);
         }
         let sensor = then.of_mount(&scan.mount);
-        let (dx, dy) = (sensor.x_m - pose.x_m, sensor.y_m - pose.y_m);
-        let (sin, cos) = pose.heading_rad.sin_cos();
-        scan.mount = Mount {
-            x_m: cos * dx + sin * dy,
-            y_m: cos * dy - sin * dx,
-            heading_rad: wrap(sensor.heading_rad - pose.heading_rad),
-        };
+        scan.mount = pose.mount_of(&sensor);
         Some(scan)
     }
 

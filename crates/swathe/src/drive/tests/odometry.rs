@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use proptest::prelude::*;
 
 use crate::drive::odometry::Odometry;
-use crate::sensor::{Mount, Pose, Scan, wrap};
+use crate::sensor::{Pose, Scan, wrap};
 
 const STEP_S: f64 = 1.0 / 35.0;
 
@@ -101,13 +101,7 @@ proptest! {
             told_way.push(told);
             let then = told_way.len().saturating_sub(1 + late);
             // Where the sensor was then, as told then, beside where the robot is told to be now.
-            let (sin, cos) = told.heading_rad.sin_cos();
-            let (dx, dy) = (told_way[then].x_m - told.x_m, told_way[then].y_m - told.y_m);
-            let mount = Mount {
-                x_m: cos * dx + sin * dy,
-                y_m: cos * dy - sin * dx,
-                heading_rad: wrap(told_way[then].heading_rad - told.heading_rad),
-            };
+            let mount = told.mount_of(&told_way[then]);
             let scan = Scan {
                 ranges_m: vec![1.0],
                 angle_min_rad: 0.0,
