@@ -12,8 +12,11 @@ use super::params::Shape;
 use super::safety::Sight;
 use super::tracks::Mover;
 
-/// Seconds that are looked ahead, in steps that grow from the first to the second after a second.
-const AHEAD_S: f64 = 4.0;
+/// Seconds that are looked ahead, more for a body that takes longer to pass, in steps that grow from the first to the second after
+/// a second.
+const AHEAD_S: [f64; 2] = [4.0, 8.0];
+const AHEAD_S_PER_M: f64 = 2.0;
+const AHEAD_FROM_M: f64 = 0.7;
 const STEPS_S: [f64; 2] = [0.1, 0.2];
 
 /// Room that is kept from what moves, in metres, more with every second ahead, and what the doubt of its place adds at most.
@@ -56,6 +59,14 @@ const TURNS_RAD: [f64; 6] = [0.4, -0.4, 0.8, -0.8, 1.4, -1.4];
 
 /// Longest that waiting for what moves does not count as trouble.
 const PATIENCE_S: f64 = 20.0;
+
+/// Who walks along beside the vehicle, between it and where it wants to, leads it astray: so far off the nose, and this near. After
+/// so many seconds he is let go on, for so many.
+const ASTRAY_RAD: f64 = 1.2;
+const ASTRAY_M: f64 = 1.5;
+const ASTRAY_MPS: f64 = 0.1;
+const ASTRAY_S: f64 = 4.0;
+const LET_GO_S: f64 = 8.0;
 
 /// A way to go on: a turn in place, then an arc at a speed for some metres, then rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,6 +111,9 @@ pub(super) struct GivingWay {
     /// The way begun, and the heading that it turns to.
     last: Option<(Plan, f64)>,
     since_s: Option<f64>,
+    /// How long somebody has led the vehicle astray, and until when he is let go on.
+    astray_s: f64,
+    let_go_until_s: Option<f64>,
 }
 
 /// What a plan costs against what moves, and where it leads to: ahead and left after a while.
@@ -116,6 +130,7 @@ pub(super) fn cost(
     let mut turns_radps = turn_rate_radps;
     let (mut ahead_m, mut left_m, mut heading_rad) = (0.0, 0.0, 0.0_f64);
     let (mut rolls_mps, mut turn_rad, mut way_m) = (speed_mps, plan.turn_rad, plan.way_m);
+    let ahead_s = ahead_s(shape);
     let (sin, cos) = pose.heading_rad.sin_cos();
     let local: Vec<_> = movers
         .iter()
@@ -141,7 +156,7 @@ pub(super) fn cost(
                 .max(0.0)
                 .hypot((left.abs() - shape.half_width_m).max(0.0))
                 - half_m;
-            let later = 1.0 - 0.5 * time_s / AHEAD_S;
+            let later = 1.0 - 0.5 * time_s / ahead_s;
             let cost = if gap_m < TOUCH_M {
                 TOUCH_COST * later
             } else {
@@ -149,10 +164,10 @@ pub(super) fn cost(
             };
             most = most.max(cost);
         }
-        if time_s >= AHEAD_S / 2.0 && led.is_none() {
+        if time_s >= AHEAD_S[0] / 2.0 && led.is_none() {
             led = Some((ahead_m, left_m));
         }
-        if time_s >= AHEAD_S {
+        if time_s >= ahead_s {
             return (most, led.unwrap_or((ahead_m, left_m)));
         }
         let step_s = STEPS_S[usize::from(time_s > 0.95)];
@@ -205,12 +220,22 @@ pub(super) fn cost(
     }
 }
 
+/// Seconds that are looked ahead for a body.
+fn ahead_s(shape: &Shape) -> f64 {
+    (AHEAD_S_PER_M * (shape.radius_m - AHEAD_FROM_M) + AHEAD_S[0]).clamp(AHEAD_S[0], AHEAD_S[1])
+}
+
 impl Navigator {
     /// The command, or another that gives way to what moves.
     pub(super) fn give_way(&mut self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
         let movers = self.movers_near(now);
+        let wanted = if self.lets_go_on(now, &movers) {
+            (0.0, 0.0)
+        } else {
+            wanted
+        };
         let Some(plan) = self.plan_around(now, wanted, &movers) else {
-            self.giving_way = GivingWay::default();
+            (self.giving_way.last, self.giving_way.since_s) = (None, None);
             return wanted;
         };
         // Who waits for others is in no trouble, for a while.
@@ -223,8 +248,37 @@ impl Navigator {
         plan.command(now.speed_mps)
     }
 
+    /// Whether to stand until somebody who leads the vehicle astray has gone on.
+    fn lets_go_on(&mut self, now: &Now, movers: &[Mover]) -> bool {
+        let off_rad = now.off_rad();
+        let (sin, cos) = now.pose.heading_rad.sin_cos();
+        let leads = movers.iter().any(|mover| {
+            let (dx, dy) = (mover.x_m - now.pose.x_m, mover.y_m - now.pose.y_m);
+            let (ahead_m, left_m) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            let is_beside = ahead_m.abs() < self.shape.half_length_m + ASTRAY_M
+                && left_m.abs() < self.shape.half_width_m + mover.half_m + ASTRAY_M;
+            let along_mps = cos * mover.east_mps + sin * mover.north_mps;
+            is_beside && left_m * off_rad > 0.0 && along_mps > ASTRAY_MPS
+        });
+        let giving_way = &mut self.giving_way;
+        if let Some(until_s) = giving_way.let_go_until_s {
+            if leads && now.time_s < until_s {
+                return true;
+            }
+            (giving_way.astray_s, giving_way.let_go_until_s) = (0.0, None);
+            return false;
+        }
+        let is_astray = leads && off_rad.abs() > ASTRAY_RAD;
+        let step_s = if is_astray { now.step_s } else { -now.step_s };
+        giving_way.astray_s = (giving_way.astray_s + step_s).max(0.0);
+        if giving_way.astray_s > ASTRAY_S {
+            giving_way.let_go_until_s = Some(now.time_s + LET_GO_S);
+        }
+        giving_way.let_go_until_s.is_some()
+    }
+
     fn movers_near(&self, now: &Now) -> Vec<Mover> {
-        let near_m = self.shape.radius_m + AHEAD_S * (self.shape.max_speed_mps.min(2.0) + 1.0);
+        let near_m = self.shape.radius_m + ahead_s(&self.shape) * (self.shape.max_speed_mps.min(2.0) + 1.0);
         let mut movers = self.tracks.found(now.time_s);
         movers.retain(|mover| (mover.x_m - now.pose.x_m).hypot(mover.y_m - now.pose.y_m) < near_m);
         movers

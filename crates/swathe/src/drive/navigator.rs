@@ -81,8 +81,8 @@ pub struct Navigator {
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
     pub(super) looked_around: bool,
-    /// How often it has forgotten what it had seen.
-    pub(super) forgets: u32,
+    /// Whether it has forgotten what it had seen on the way to this goal.
+    pub(super) has_forgotten: bool,
     pub(super) end: Option<(Status, Reason)>,
     pub(super) slip_until_s: f64,
     pub(super) blocked_since_s: Option<f64>,
@@ -163,7 +163,7 @@ impl Navigator {
             all_attempts: 0,
             trap_at: None,
             looked_around: false,
-            forgets: 0,
+            has_forgotten: false,
             end: None,
             slip_until_s: f64::NEG_INFINITY,
             blocked_since_s: None,
@@ -412,7 +412,7 @@ impl Navigator {
         self.thread = Thread::default();
         self.attempts = 0;
         self.all_attempts = 0;
-        self.forgets = 0;
+        self.has_forgotten = false;
         self.trap_at = None;
         self.looked_around = false;
         self.blocked_since_s = None;

@@ -21,9 +21,6 @@ const WINDOW_GROWTH: usize = 4;
 /// All recoveries of a drive, as a multiple of those without headway.
 const ALL_RECOVERIES: u32 = 10;
 
-/// How often a drive forgets what it has seen before it says that there is no way.
-const MOST_FORGETS: u32 = 1;
-
 /// Poses that were corrected by this much lately may have put things to where they are not.
 const DOUBTFUL_M: f64 = 0.02;
 
@@ -295,10 +292,9 @@ impl Navigator {
     /// Forgets what was seen and tried: things that went away out of sight, or that a wrong pose put into the way, close it no
     /// longer. What stands near to the robot is kept, for it may stand where no sensor looks. False when it has done so before.
     fn forget(&mut self, at: Position) -> bool {
-        if !self.params.recover || !self.params.memory || self.forgets >= MOST_FORGETS {
+        if !self.params.recover || !self.params.memory || self.has_forgotten {
             return false;
         }
-        let forgets = self.forgets + 1;
         let near_m = 2.0 * self.shape.radius_m;
         self.grid.clear_beyond(at.x_m, at.y_m, near_m);
         self.memory.clear_beyond(at.x_m, at.y_m, near_m);
@@ -306,7 +302,7 @@ impl Navigator {
         self.met.retain(|&cell, _| grid.certainty_of(cell).is_some());
         self.window = None;
         self.start_over();
-        self.forgets = forgets;
+        self.has_forgotten = true;
         self.begin(Recovery::Forget, at);
         self.finish();
         true

@@ -62,8 +62,8 @@ const UNSURE_MPS: f64 = 0.35;
 /// Scans that look through the place of a track until it is given up, seconds without sight of it, before and after it is sure, and
 /// the doubt of its place.
 const MISSES: u32 = 8;
-const UNSEEN_S: [f64; 2] = [0.3, 15.0];
-const MOST_UNSURE_M: f64 = 6.0;
+const UNSEEN_S: [f64; 2] = [0.3, 25.0];
+const MOST_UNSURE_M: f64 = 12.0;
 
 /// Tracks nearer together than this are of one thing.
 const TWINS_M: f64 = 0.35;
@@ -379,6 +379,18 @@ impl Tracks {
         let away_m = dx.hypot(dy).max(1e-6);
         let behind_m = half_m * std::f64::consts::FRAC_2_PI;
         let about = (x_m + dx / away_m * behind_m, y_m + dy / away_m * behind_m);
+        let is_cut = [now.cuts(first.0, -1, first.3), now.cuts(last.0, 1, last.3)];
+        // Where one end is cut, the middle lies beside the other, at right angles to the beam.
+        let beside = |end: &(usize, f64, f64, f64), side: f64| {
+            let (dx, dy) = (end.1 - now.sensor.x_m, end.2 - now.sensor.y_m);
+            let shift = side * now.angle_increment_rad.signum() * half_m / end.3.max(1e-6);
+            (end.1 - shift * dy, end.2 + shift * dx)
+        };
+        let about = match is_cut {
+            [false, true] => beside(first, 1.0),
+            [true, false] => beside(last, -1.0),
+            _ => about,
+        };
         let middle = round(points, about, half_m);
         let (x_m, y_m) = middle.unwrap_or(about);
         Some(Cluster {
@@ -388,7 +400,7 @@ impl Tracks {
             wide_m,
             new,
             old,
-            is_cut: now.cuts(first.0, -1, first.3) || now.cuts(last.0, 1, last.3),
+            is_cut: is_cut != [false; 2],
             is_round: middle.is_some(),
         })
     }

@@ -1,13 +1,16 @@
 //! Whether the sensors could have seen in time what the body ran into.
 //!
 //! The place of contact was seen in time when, along the true way of the sensor, a beam of its fan would have met it at three
-//! scans at least, and the body then still had its stopping distance to go. What moves counts only when the body itself moved:
-//! nobody who stands can help being run into.
+//! scans at least, and the body then still had its stopping distance to go. With what moves, stopping must also have helped:
+//! at some moment since then the body could have braked to rest where it would not have been run into. Nobody who stands can
+//! help that, and nobody who is overtaken.
 
 use std::collections::VecDeque;
 
 use crate::grid::Position;
-use crate::sim::{BodyState, Footprint, Laser, Robot, Shape, World};
+use crate::sensor::Pose;
+use crate::sim::{BodyState, Footprint, Laser, Mover, Robot, Shape, World};
+use crate::vehicle::Vehicle;
 
 /// Seconds that are looked back.
 const LOOK_BACK_S: f64 = 20.0;
@@ -25,6 +28,10 @@ const OUTLINE_POINTS: usize = 4000;
 /// Speed below which a body is run into rather than running into something.
 const STANDS_MPS: f64 = 0.05;
 
+/// A body at rest would have been run into when that happens until so long after the collision, looked at in steps.
+const AFTER_S: f64 = 5.0;
+const REST_STEP_S: f64 = 0.05;
+
 /// Where the body was lately.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Trail {
@@ -39,6 +46,9 @@ pub(super) struct Blame {
 
 impl Trail {
     pub fn note(&mut self, body: &BodyState) {
+        if self.states.back().is_some_and(|last| last.time_s >= body.time_s) {
+            return;
+        }
         self.states.push_back(*body);
         while self
             .states
@@ -82,40 +92,74 @@ impl Trail {
                 seen_in_time: false,
             };
         }
+        let Some(first) = self.seen_since(world, robot, place, mover) else {
+            return Blame {
+                moves,
+                seen_in_time: false,
+            };
+        };
+        let seen_in_time = match mover {
+            None => self.rest(robot, first).is_some(),
+            Some(number) => (first..self.states.len())
+                .map_while(|from| self.rest(robot, from))
+                .any(|rest| rest.is_clear_of(&world.movers()[number], vehicle, body.time_s + AFTER_S)),
+        };
+        Blame { moves, seen_in_time }
+    }
+
+    /// The first of the states since which enough scans have shown a place, or something that moves.
+    fn seen_since(&self, world: &World, robot: &Robot, place: Position, mover: Option<usize>) -> Option<usize> {
         let params = robot.params();
-        let mut seen = 0;
-        let mut way_m: f64 = self
-            .states
-            .iter()
-            .zip(self.states.iter().skip(1))
-            .map(|(one, next)| one.pose.distance_m(&next.pose))
-            .sum();
-        let mut last: Option<&BodyState> = None;
-        for state in &self.states {
-            if let Some(last) = last {
-                way_m -= last.pose.distance_m(&state.pose);
-            }
-            last = Some(state);
-            let target = mover.map_or(place, |number| world.movers()[number].at(state.time_s));
-            let radius_m = mover.map_or(0.0, |number| world.movers()[number].radius_m);
-            let laser = params.has_laser.then_some(&params.laser);
+        let laser = params.has_laser.then_some(&params.laser);
+        let mover = mover.map(|number| &world.movers()[number]);
+        let seen = self.states.iter().enumerate().filter(|(_, state)| {
+            let target = mover.map_or(place, |mover| mover.at(state.time_s));
+            let radius_m = mover.map_or(0.0, |mover| mover.radius_m);
             let mut sensors = laser.into_iter().chain(&params.sonar);
-            seen += usize::from(sensors.any(|sensor| sees(world, sensor, state, target, radius_m)));
-            if seen >= SCANS {
-                let speed_mps = state.speed_mps.abs();
-                let braking_mps2 = robot.body().motion().max_braking_mps2;
-                let react_s = vehicle.reaction_time_s + params.scan_delay_s;
-                let stopping_m = speed_mps * react_s + speed_mps * speed_mps / (2.0 * braking_mps2);
-                return Blame {
-                    moves,
-                    seen_in_time: way_m >= stopping_m,
-                };
+            sensors.any(|sensor| sees(world, sensor, state, target, radius_m))
+        });
+        seen.map(|(number, _)| number).nth(SCANS - 1)
+    }
+
+    /// Where the body would have come to rest on its way, had it braked at a state; `None` beyond the collision.
+    fn rest(&self, robot: &Robot, from: usize) -> Option<Rest> {
+        let state = self.states[from];
+        let speed_mps = state.speed_mps.abs();
+        let braking_mps2 = robot.body().motion().max_braking_mps2;
+        let react_s = robot.body().vehicle().reaction_time_s + robot.params().scan_delay_s;
+        let stopping_m = speed_mps * react_s + speed_mps * speed_mps / (2.0 * braking_mps2);
+        let mut way_m = 0.0;
+        let mut last = state.pose;
+        for next in self.states.range(from..) {
+            way_m += last.distance_m(&next.pose);
+            last = next.pose;
+            if way_m >= stopping_m {
+                return Some(Rest {
+                    pose: last,
+                    since_s: state.time_s + react_s + speed_mps / braking_mps2,
+                });
             }
         }
-        Blame {
-            moves,
-            seen_in_time: false,
-        }
+        None
+    }
+}
+
+/// Where a body would have stood, and from when on.
+struct Rest {
+    pose: Pose,
+    since_s: f64,
+}
+
+impl Rest {
+    /// Whether what moves would not have run into it by a time.
+    fn is_clear_of(&self, mover: &Mover, vehicle: &Vehicle, until_s: f64) -> bool {
+        let footprint = Footprint::of(vehicle, &self.pose);
+        let radius_m = mover.radius_m;
+        let steps = ((until_s - self.since_s) / REST_STEP_S).ceil() as usize;
+        (0..=steps).all(|step| {
+            let centre = mover.at(self.since_s + step as f64 * REST_STEP_S);
+            footprint.distance_m(&Shape::Disc { centre, radius_m }) > 0.0
+        })
     }
 }
 
@@ -166,4 +210,85 @@ fn sees(world: &World, laser: &Laser, state: &BodyState, target: Position, radiu
     ranges_m
         .iter()
         .any(|range_m| (range_m - (away_m - radius_m)).abs() <= NEAR_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{GridGeometry, Layer};
+    use crate::sim::{Command, Motion, Obstacle, RobotParams, Steering};
+    use crate::soil::SoilClass;
+    use crate::vehicle::fixtures::pioneer;
+
+    const STEP_S: f64 = 1.0 / 35.0;
+
+    /// Drives straight at a speed from (0, 0) eastwards until something is hit.
+    fn hit(obstacles: Vec<Obstacle>, movers: Vec<Mover>, speed_mps: f64) -> Blame {
+        let geometry = GridGeometry::new(40, 40, 1.0, -20.0, 20.0).unwrap();
+        let soil = Layer::filled(geometry, SoilClass::Gravel as u8);
+        let mut world = World::new(Layer::filled(geometry, 0.0), soil, 20.0).unwrap();
+        world.place(obstacles).unwrap();
+        world.set_in_motion(movers).unwrap();
+        let motion = Motion {
+            steering: Steering::Differential,
+            max_acceleration_mps2: 1.0,
+            max_braking_mps2: 1.5,
+            max_turn_rate_radps: 2.0,
+        };
+        let start = Pose::level(0.0, 0.0, 0.0);
+        let mut robot = Robot::new(&world, pioneer(), motion, start, RobotParams::default()).unwrap();
+        let mut trail = Trail::default();
+        let command = Command {
+            speed_mps,
+            turn_rate_radps: 0.0,
+        };
+        while robot.state().collisions == 0 {
+            trail.note(robot.state());
+            robot.step(&world, command, STEP_S);
+            trail.note(robot.state());
+            assert!(robot.state().time_s < 60.0, "nothing was hit");
+        }
+        trail.blame(&world, &robot)
+    }
+
+    fn crate_at(x_m: f64) -> Vec<Obstacle> {
+        let shape = Shape::Disc {
+            centre: Position::new(x_m, 0.0),
+            radius_m: 0.4,
+        };
+        vec![Obstacle { shape, height_m: 1.0 }]
+    }
+
+    fn walker(speed_mps: f64, path: &[(f64, f64)]) -> Vec<Mover> {
+        vec![Mover {
+            path: path.iter().map(|&(x_m, y_m)| Position::new(x_m, y_m)).collect(),
+            speed_mps,
+            radius_m: 0.3,
+            start_m: 0.0,
+        }]
+    }
+
+    #[test]
+    fn what_stands_ahead_is_seen_in_time_and_what_stands_behind_is_not() {
+        let ahead = hit(crate_at(4.0), Vec::new(), 1.0);
+        assert!(!ahead.moves && ahead.seen_in_time);
+        let behind = hit(crate_at(-2.0), Vec::new(), -1.0);
+        assert!(!behind.moves && !behind.seen_in_time);
+    }
+
+    #[test]
+    fn who_crosses_the_way_could_be_let_pass() {
+        let crossing = hit(Vec::new(), walker(0.5, &[(4.0, -2.6), (4.0, 8.0)]), 0.7);
+        assert!(crossing.moves && crossing.seen_in_time);
+    }
+
+    #[test]
+    fn who_overtakes_and_who_walks_into_a_standing_body_cannot_be_helped() {
+        // Seen ahead first; then he walks round and comes from behind.
+        let round = [(3.0, 1.5), (-3.0, 1.5), (-3.0, 0.0), (9.0, 0.0)];
+        let overtaking = hit(Vec::new(), walker(2.0, &round), 0.1);
+        assert!(overtaking.moves && !overtaking.seen_in_time);
+        let standing = hit(Vec::new(), walker(1.0, &[(6.0, 0.0), (-6.0, 0.0)]), 0.0);
+        assert!(standing.moves && !standing.seen_in_time);
+    }
 }

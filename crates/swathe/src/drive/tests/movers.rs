@@ -129,6 +129,25 @@ proptest! {
     }
 }
 
+#[test]
+fn who_has_gone_out_of_sight_is_not_forgotten_while_a_vehicle_backs() {
+    let place = |time_s: f64| (2.0 - 0.5 * time_s, 1.2);
+    let world = |time_s: f64| {
+        let at = place(time_s);
+        World {
+            discs: vec![(at.0, at.1, 0.3)],
+            walls: Vec::new(),
+        }
+    };
+    let mut off_m = f64::INFINITY;
+    watch(world, (0.0, 0.0), &[(0.0, 0.0, 0.0); 24], |time_s, tracks, _| {
+        let at = place(time_s);
+        let away = |one: &Mover| (one.x_m - at.0).hypot(one.y_m - at.1);
+        off_m = tracks.found(time_s).iter().map(away).fold(f64::INFINITY, f64::min);
+    });
+    assert!(off_m < 2.0, "{off_m}");
+}
+
 fn mover() -> impl Strategy<Value = Mover> {
     (-4.0..4.0_f64, -4.0..4.0_f64, -1.0..1.0_f64, -1.0..1.0_f64).prop_map(|(x_m, y_m, east_mps, north_mps)| Mover {
         x_m,
@@ -281,4 +300,58 @@ fn an_arc_to_which_the_wheels_do_not_come_in_time_is_no_way_past_him() {
     assert!(weigh(&slow, 0.0) > 5.0, "{}", weigh(&slow, 0.0));
     // Who is on the arc already is past him.
     assert!(weigh(&slow, 2.0) < 1.0);
+}
+
+#[test]
+fn a_large_body_looks_ahead_until_he_is_past_it() {
+    let jackal = Shape::of(&jackal(), &DriveParams::default());
+    let large = Shape {
+        half_length_m: 2.2,
+        half_width_m: 1.1,
+        radius_m: 2.46,
+        ..jackal
+    };
+    // Where he comes to the body's side after six seconds.
+    let coming = |shape: &Shape| Mover {
+        x_m: -shape.half_length_m,
+        y_m: shape.half_width_m + 0.3 + 6.0 * 0.6,
+        east_mps: 0.0,
+        north_mps: -0.6,
+        half_m: 0.3,
+        unsure_m: 0.0,
+        unseen_s: 0.0,
+    };
+    let weigh = |shape: &Shape| cost(&[coming(shape)], shape, &Pose::default(), (0.0, 0.0), 1.5, &Plan::REST).0;
+    assert_eq!(weigh(&jackal), 0.0);
+    assert!(weigh(&large) > 1.0, "{}", weigh(&large));
+}
+
+/// Meetings with a slow vehicle, five of each figure evenly over its range, that end badly.
+fn bad_meetings(walks_mps: [f64; 2], course_rad: [f64; 2], at_s: [f64; 2]) -> Vec<[f64; 3]> {
+    let within = |[least, most]: [f64; 2], fifth: usize| least + (most - least) * fifth as f64 / 4.0;
+    let all = (0..125).map(|k| {
+        [
+            within(walks_mps, k % 5),
+            within(course_rad, k / 5 % 5),
+            within(at_s, k / 25),
+        ]
+    });
+    all.filter(|&[walks_mps, course_rad, at_s]| {
+        let (least_m, status) = meeting(&pioneer(), walks_mps, course_rad, at_s);
+        least_m <= 0.05 || status != Status::Reached
+    })
+    .collect()
+}
+
+#[test]
+fn who_comes_up_from_abeam_is_not_cut_off() {
+    // Half of him is beyond the fan for seconds: his place and speed come from the half that is seen.
+    let bad = bad_meetings([0.85, 1.0], [0.97, 1.17], [9.0, 12.0]);
+    assert!(bad.is_empty(), "{bad:?}");
+}
+
+#[test]
+fn who_walks_along_does_not_lead_it_astray() {
+    let bad = bad_meetings([0.3, 0.42], [1.0, 1.9], [8.0, 11.0]);
+    assert!(bad.is_empty(), "{bad:?}");
 }
