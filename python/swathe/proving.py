@@ -45,11 +45,6 @@ METHODS: dict[str, tuple[trials.Method, bool]] = {
 }
 
 
-#: The sensors of noisy trials, and from which scale on a world is seen through the laser's far mode, as in ``trials``.
-_TRIAL_NOISE = {**NOISE, "heading_noise_rad": 0.01, "fix_heading_noise_rad": 0.05}
-_FAR_SCALE = 1.2
-
-
 @dataclass(frozen=True, slots=True)
 class MapTrial:
     """One drive of a scenario under a seed; ``arm`` names the way it is driven."""
@@ -236,12 +231,11 @@ def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Sc
     ``fastest_s`` is that of its row; the trial's time limit comes of it.
     """
     vehicle = load_vehicle(trial.vehicle)
-    scale = trials.scale_of(vehicle)
     content = {
         "title": f"Trial {trial.seed}",
         "vehicle": trial.vehicle,
         "seed": trial.seed,
-        "world": {"kind": trial.kind, "density": trial.density, "scale": scale},
+        "world": {"kind": trial.kind, "density": trial.density, "scale": trials.scale_of(vehicle)},
         "drive": {
             "method": trial.method,
             "memory": not trial.alone,
@@ -249,8 +243,8 @@ def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Sc
             "time_limit_s": trials.limit_s(vehicle, fastest_s or 0.0),
         },
         "sensors": {
-            "laser": "sick-lms200-80m" if scale >= _FAR_SCALE else "sick-lms200-8m",
-            **(_TRIAL_NOISE if trial.noisy else {}),
+            "laser": trials.laser_of(vehicle),
+            **({"beam_dropout": trials.BEAM_DROPOUT, **trials.NOISE} if trial.noisy else {}),
         },
     }
     return scenario_of(content, "The trial")
