@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -147,6 +148,14 @@ class DriveParams:
     Attributes:
         method: local method.
         outside_nests: ground outside the nests costs more, or is blocked as in the paper.
+        evidence: how the certainty grid counts what was seen: ``log-odds`` (Moravec and Elfes 1985), or ``himm``,
+            histogramic in-motion mapping as the paper of VFH has it (Borenstein and Koren 1991).
+        fade_s: time in which what the grid holds fades to 1/e; infinite for a world that stands still.
+        lookahead_m: distances ahead on the route that are steered to, at rest and at full speed.
+        unknown_cost: what ground that was never seen costs, as a multiple of seen ground.
+        trap_s: time without headway that makes a trap.
+        most_recoveries: recoveries without headway after which the robot gives up.
+        follow_walls: whether it follows a wall before it does.
         arrival_m: distance to the goal that counts as arrival.
         margin_m: distance kept from obstacles at rest.
         stale_s: age at which a scan no longer counts.
@@ -162,6 +171,13 @@ class DriveParams:
 
     method: Literal["vfh", "vfh+", "vfh*", "player"] = "vfh+"
     outside_nests: Literal["cost", "block"] = "cost"
+    evidence: Literal["log-odds", "himm"] = "log-odds"
+    fade_s: float = math.inf
+    lookahead_m: tuple[float, float] = (2.0, 5.0)
+    unknown_cost: float = 1.5
+    trap_s: float = 8.0
+    most_recoveries: int = 12
+    follow_walls: bool = True
     arrival_m: float = 0.5
     max_turn_rate_radps: float | None = None
     acceleration_mps2: float | None = None

@@ -137,6 +137,8 @@ class DrivePart(_Part):
     method: Literal["vfh", "vfh+", "vfh*", "player"] = "vfh+"
     grids: Literal["or", "and", "single", "exact16"] = "or"
     outside_nests: Literal["cost", "block"] = "cost"
+    evidence: Literal["log-odds", "himm"] = "log-odds"
+    fade_s: Annotated[float, Field(ge=0.1, le=1e6, allow_inf_nan=False)] | None = None
     memory: bool = True
     recover: bool = True
     arrival_m: Length = 0.5

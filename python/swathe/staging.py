@@ -132,6 +132,8 @@ class Stage:
         how = DriveParams(
             method=given.method,
             outside_nests=given.outside_nests,
+            evidence=given.evidence,
+            fade_s=math.inf if given.fade_s is None else given.fade_s,
             arrival_m=given.arrival_m,
             margin_m=given.margin_m,
             memory=given.memory,

@@ -6,6 +6,7 @@ use pyo3::types::PyDict;
 use swathe::belief::{Extent, PerClass, ProbePolicy, SoilBelief, SoilUpdate, Word};
 use swathe::drive::{DriveParams, Knowledge, Method, Observation, OutsideNests, Region};
 use swathe::grid::{Cell, Layer, Position};
+use swathe::local::Evidence;
 use swathe::nest::GridsParams;
 use swathe::sensor::{Mount, Pose, Scan};
 use swathe::soil::SoilClass;
@@ -35,10 +36,22 @@ fn probing((policy, figure): (String, f64)) -> PyResult<ProbePolicy> {
     word("probing policy", &policy, &known)
 }
 
+fn evidence(given: &str) -> PyResult<Evidence> {
+    let known = [("log-odds", Evidence::default()), ("himm", Evidence::himm())];
+    word("evidence", given, &known)
+}
+
 fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
     Ok(DriveParams {
         method: word("method", &entry::<String>(dict, "method")?, &METHODS)?,
         outside_nests: word("outside_nests", &entry::<String>(dict, "outside_nests")?, &OUTSIDE)?,
+        evidence: evidence(&entry::<String>(dict, "evidence")?)?,
+        fade_s: entry(dict, "fade_s")?,
+        lookahead_m: entry(dict, "lookahead_m")?,
+        unknown_cost: entry(dict, "unknown_cost")?,
+        trap_s: entry(dict, "trap_s")?,
+        most_recoveries: entry(dict, "most_recoveries")?,
+        follow_walls: entry(dict, "follow_walls")?,
         arrival_m: entry(dict, "arrival_m")?,
         max_turn_rate_radps: entry(dict, "max_turn_rate_radps")?,
         acceleration_mps2: entry(dict, "acceleration_mps2")?,

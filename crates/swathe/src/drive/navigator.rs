@@ -140,8 +140,8 @@ impl Navigator {
         let grid = CertaintyParams {
             cell_size_m,
             side_cells: 161.max(2 * half + 21),
+            evidence: params.evidence,
             fade_s: params.fade_s,
-            ..CertaintyParams::default()
         };
         Ok(Self {
             grid: CertaintyGrid::new(grid, 0.0, 0.0),

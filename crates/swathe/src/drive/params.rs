@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use crate::belief::{BeliefError, ProbePolicy};
+use crate::local::Evidence;
 use crate::nest::NestError;
 use crate::rank::RankError;
 use crate::vehicle::{Motion, Vehicle, VehicleError};
@@ -52,6 +53,8 @@ pub struct DriveParams {
     pub sonar_height_m: f64,
     /// A return this near to the elevation map, in metres, is ground.
     pub ground_tolerance_m: f64,
+    /// How the certainty grid counts evidence.
+    pub evidence: Evidence,
     /// Seconds in which what was seen fades to 1/e.
     pub fade_s: f64,
     /// Look-ahead on the route at rest and at full speed, in metres.
@@ -95,6 +98,7 @@ impl Default for DriveParams {
             sensor_height_m: 0.3,
             sonar_height_m: 0.18,
             ground_tolerance_m: 0.15,
+            evidence: Evidence::default(),
             fade_s: f64::INFINITY,
             lookahead_m: [2.0, 5.0],
             unknown_cost: 1.5,

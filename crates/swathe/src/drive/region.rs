@@ -552,8 +552,9 @@ impl Ground for RegionState {
         let on_route = self.around_route();
         for (down, right) in blocks(rows, columns) {
             let middle = centre((down + BLOCK / 2).min(rows - 1), (right + BLOCK / 2).min(columns - 1));
-            let mut outside = match self.in_nest(middle) {
-                true => 1.0,
+            let answer = self.grids.navigable(middle, 0.0, &self.point);
+            let mut outside = match answer.navigable() {
+                true => answer.cost_factor() as f32,
                 false if self.outside == OutsideNests::Block && !self.leaving_no_go => f32::INFINITY,
                 false => OUTSIDE_COST,
             };

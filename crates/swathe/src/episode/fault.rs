@@ -100,14 +100,14 @@ pub(super) type Taken = (f64, Scan);
 pub(super) struct Held {
     /// Late ones with the time at which they come.
     late: VecDeque<(f64, Taken)>,
-    /// One that comes after the next.
-    swapped: Option<Taken>,
+    /// One that comes after the next, and whether that has come.
+    swapped: Option<(Taken, bool)>,
     /// The one that comes again and again, and by which fault.
     repeated: Option<(usize, Scan)>,
 }
 
 impl Held {
-    /// What arrives of the scans now, in order, when `scan` has come from the sensor.
+    /// What arrives of the scans now, the last to come at the end, when `scan` has come from the sensor.
     pub fn deliver(&mut self, faults: &[Fault], time_s: f64, scan: Option<Taken>) -> Vec<Taken> {
         let mut arriving = Vec::with_capacity(1);
         if let Some(taken) = scan {
@@ -146,12 +146,15 @@ impl Held {
                     return;
                 }
                 FaultKind::ScanSwapped => {
-                    let Some(earlier) = self.swapped.take() else {
-                        self.swapped = Some(taken);
-                        return;
-                    };
-                    arriving.push(taken);
-                    taken = earlier;
+                    // One scan a time, as steps take no more: the second, the first, the fourth, the third.
+                    match self.swapped.take() {
+                        None => {
+                            self.swapped = Some((taken, false));
+                            return;
+                        }
+                        Some((earlier, false)) => self.swapped = Some((earlier, true)),
+                        Some((earlier, true)) => self.swapped = Some((std::mem::replace(&mut taken, earlier), false)),
+                    }
                 }
                 FaultKind::PoseOff(_) | FaultKind::ClockOff(_) | FaultKind::ReadingOf(_) => {}
             }
@@ -188,5 +191,35 @@ pub(super) fn reading_told(faults: &[Fault], time_s: f64, reading: &mut Penetrom
         if let FaultKind::ReadingOf(kpa) = fault.kind {
             reading.cone_indices_kpa.fill(kpa);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn swapped_scans_come_one_by_one_each_after_the_next() {
+        let faults = [Fault {
+            kind: FaultKind::ScanSwapped,
+            from_s: 0.0,
+            until_s: 100.0,
+        }];
+        let scan = Scan {
+            ranges_m: vec![1.0],
+            angle_min_rad: 0.0,
+            angle_increment_rad: 0.1,
+            range_min_m: 0.0,
+            range_max_m: 8.0,
+            mount: crate::sensor::Mount::default(),
+        };
+        let mut held = Held::default();
+        let mut told = |time_s: f64| -> Vec<f64> {
+            let arriving = held.deliver(&faults, time_s, Some((time_s, scan.clone())));
+            arriving.iter().map(|taken| taken.0).collect()
+        };
+        assert!(told(1.0).is_empty());
+        let times: Vec<Vec<f64>> = (2..8).map(|second| told(f64::from(second))).collect();
+        assert_eq!(times, [[2.0], [1.0], [4.0], [3.0], [6.0], [5.0]]);
     }
 }

@@ -134,7 +134,7 @@ impl Episode {
             self.poses.pop_front();
         }
         let arrived = self.held.deliver(faults, time_s, seen.scan.take());
-        let newest: Option<Scan> = arrived.last().and_then(|taken| self.brought_here(taken, &pose));
+        let latest: Option<Scan> = arrived.last().and_then(|taken| self.brought_here(taken, &pose));
         let echoes = self.listen(actors, time_s, &pose, seen.sonar.take(), second);
         let reading = self.probe(actors, &seen.body, &pose, second);
         let before_s = (actors.clock)();
@@ -143,7 +143,7 @@ impl Episode {
             pose,
             speed_mps: seen.body.wheel_speed_mps,
             turn_rate_radps: seen.body.turn_rate_radps,
-            scan: newest.as_ref(),
+            scan: latest.as_ref(),
             reading: reading.as_ref(),
         });
         self.tally.longest_step_s = self.tally.longest_step_s.max((actors.clock)() - before_s);
