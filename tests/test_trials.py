@@ -22,7 +22,12 @@ from swathe.vehicle import load_vehicle
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WORLDS = 40
+# As they come and as dense as they are drawn, but for two tractors that need nearly as long as all others together;
+# the published trials drive them too.
+WORLDS = [seed for seed in range(40) if seed not in {26, 29}]
+
+# With noise: every kind of world and every vehicle, none that takes many seconds.
+NOISY = (*range(5, 19), 24)
 
 
 def told(row: trials.Row) -> dict[str, object]:
@@ -31,24 +36,36 @@ def told(row: trials.Row) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def rows() -> list[trials.Row]:
-    drawn = [trials.draw(seed) for seed in range(WORLDS)]
-    # The CI's part: half as dense as the whole range, so that forty drives stay short.
-    easier = [replace(trial, density=round(trial.density / 2, 2)) for trial in drawn]
-    found, complete = trials.run(easier, processes=2)
+    found, complete = trials.run([trials.draw(seed) for seed in WORLDS], processes=2)
     assert complete
     return found
 
 
-def test_forty_worlds_hold_what_is_promised(rows: list[trials.Row]) -> None:
+def test_worlds_as_they_are_drawn_hold_what_is_promised(rows: list[trials.Row]) -> None:
     summary = trials.summarise(rows)
-    assert summary.trials == WORLDS
-    assert summary.passable >= 0.8 * WORLDS
-    assert summary.reached_share >= 0.98, trials.worst(rows, 6)
+    assert summary.trials == len(WORLDS)
+    assert max(row.density for row in rows if row.shortest_m) > 0.9 * trials.DENSITIES[1], "open to barely passable"
+    assert summary.passable >= 0.8 * len(WORLDS)
+    assert summary.reached >= summary.passable - 1, trials.worst(rows, 6)
     assert summary.collisions_seen == 0, [row for row in rows if row.seen_in_time]
     static = [row for row in rows if row.kind != "moving"]
     assert not any(row.collisions for row in static), trials.worst(static, 6)
     jackal = [row for row in static if row.vehicle == "jackal"]
     assert trials.summarise(jackal).time_ratio[0] <= 2.2
+
+
+def test_late_scans_lost_beams_and_a_pose_that_drifts_are_driven_with(rows: list[trials.Row]) -> None:
+    noisy, complete = trials.run([trials.draw(seed, noisy=True) for seed in NOISY], processes=2)
+    assert complete
+    summary = trials.summarise(noisy)
+    assert {row.kind for row in noisy} == set(trials.KINDS)
+    assert {row.vehicle for row in noisy} == set(trials.VEHICLES)
+    assert summary.passable >= 12
+    assert summary.reached >= summary.passable - 1, trials.worst(noisy, 6)
+    assert summary.collisions_seen == 0, [row for row in noisy if row.seen_in_time]
+    # The noise is there: no drive is the one without it.
+    sure = {row.seed: row for row in rows}
+    assert all(row.distance_m != sure[row.seed].distance_m for row in noisy if row.shortest_m)
 
 
 def test_nothing_is_shorter_or_faster_than_the_truth_allows(rows: list[trials.Row]) -> None:
@@ -64,10 +81,13 @@ def test_nothing_is_shorter_or_faster_than_the_truth_allows(rows: list[trials.Ro
         assert row.free_m <= 1.001 * row.free_at_full_speed_m
 
 
-def test_where_nothing_is_near_the_speed_is_most_of_the_greatest(rows: list[trials.Row]) -> None:
-    summary = trials.summarise(rows)
-    assert summary.free_drives > 0
-    assert summary.free_speed[0] >= 0.8, [row for row in rows if row.free_s]
+def test_where_nothing_is_near_the_speed_is_nearly_the_greatest() -> None:
+    # Worlds as they are drawn leave hardly any room for it: here there is nothing, or a crate here and there.
+    for name in dict.fromkeys(trials.VEHICLES):
+        asked = [trials.Trial(seed=0, density=density, vehicle=name) for density in (0.0, 1.0)]
+        summary = trials.summarise(trials.run(asked, processes=1)[0])
+        assert summary.free_drives > 0, name
+        assert summary.free_speed[0] >= 0.95, name
 
 
 def test_trials_are_drawn_evenly_from_what_there_is() -> None:
