@@ -220,23 +220,6 @@ def test_no_words_and_version() -> None:
     assert re.fullmatch(r"swathe \d+\.\d+\.\d+\n", commands.run("--version").out)
 
 
-def test_the_demo_tells_its_story(here: Path) -> None:
-    finished = commands.run("demo")
-    assert (finished.code, finished.err) == (0, "")
-    assert finished.out.rstrip().endswith("swathe-demo/tractor/report.html")
-    told: dict[str, Any] = {}
-    for chapter in ("tractor", "no-soil", "pickup", "ridge-tractor", "ridge-pickup"):
-        told[chapter] = json.loads((here / "swathe-demo" / chapter / "summary.json").read_text())
-    assert told["tractor"]["length_m"] > 1.5 * told["tractor"]["straight_m"], "a long way round"
-    assert told["tractor"]["length_m"] > 1.2 * told["no-soil"]["length_m"], "because of the soil"
-    assert told["pickup"]["length_m"] < 1.15 * told["pickup"]["straight_m"], "the 4x4 goes nearly straight"
-    assert told["ridge-tractor"]["status"] == "no_route"
-    assert told["ridge-tractor"]["reason"] in finished.out
-    assert told["ridge-pickup"]["status"] == "route_found"
-    for summary in told.values():
-        assert summary["soil"] is None or "generated" in " ".join(summary["notes"])
-
-
 def test_two_vehicles_choose_different_ways(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     routes = {}
     for vehicle in ("tractor", "pickup-4x4"):
