@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
@@ -242,6 +244,46 @@ def test_a_log_cut_at_any_byte_is_read_up_to_the_cut(
     assert verdict
     assert verdict.is_cut
     assert ends[log.seconds - 1] * bool(log.seconds) <= verdict.compared_bytes <= at
+
+
+def read_by_another(path: Path) -> tuple[list[tuple[str, int, bytes]], bool]:
+    """Walk through a log with mcap's reader that needs no index: the messages, and whether it came to the end."""
+    found = []
+    with path.open("rb") as stream:
+        try:
+            for _, channel, message in NonSeekingReader(stream, validate_crcs=True).iter_messages(log_time_order=False):
+                found.append((channel.topic, message.log_time, message.data))
+        except (EndOfFile, struct.error):  # what it raises in the middle of a record, and of a record's length
+            return found, False
+    return found, True
+
+
+def test_another_reader_walks_through_a_cut_log_up_to_its_last_whole_chunk(tmp_path: Path) -> None:
+    made_log(tmp_path / "whole", 4)
+    whole = (tmp_path / "whole").read_bytes()
+    messages, is_whole = read_by_another(tmp_path / "whole")
+    assert is_whole
+    with (tmp_path / "whole").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    chunks = [(index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes]
+    assert len(chunks) == 5, "one a second, and the outcome's"
+    before = 0
+    for number, (begin, length) in enumerate(chunks, 1):
+        told = []
+        # At a chunk's first byte, in its head, in its middle, before its last byte, and where it ends.
+        for at in (begin, begin + 5, begin + length // 2, begin + length - 1, begin + length):
+            (tmp_path / "cut").write_bytes(whole[:at])
+            found, is_whole = read_by_another(tmp_path / "cut")
+            assert not is_whole, at
+            assert found == messages[: len(found)], at
+            told.append(len(found))
+        assert told[:4] == [before] * 4
+        assert told[4] > before, "every whole chunk is read"
+        before = told[4]
+        seconds = RunLog.read(tmp_path / "cut").seconds
+        assert seconds == min(number, 4), "as many as our own reader finds"
+    assert before == len(messages)
 
 
 @settings(max_examples=60)
