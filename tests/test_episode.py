@@ -13,7 +13,10 @@ from swathe import sim
 from swathe.drive import Navigator
 from swathe.episode import STATUSES, Episode, EpisodeParams, Fault, FaultKind, Motion, Second
 from swathe.errors import InvalidParameterError
+from swathe.preparation import Stopwatch
+from swathe.scenario import load_scenario
 from swathe.sensor import Pose
+from swathe.staging import Stage, stage
 from swathe.vehicle import load_vehicle
 
 
@@ -187,6 +190,66 @@ def test_a_probe_stops_the_robot_and_takes_its_time() -> None:
     heading_rad = second.odometry.heading_rad[at]
     assert reading.x_m == pytest.approx(second.odometry.x_m[at] + ahead_m * math.cos(heading_rad))
     assert reading.y_m == pytest.approx(second.odometry.y_m[at] + ahead_m * math.sin(heading_rad))
+
+
+@pytest.fixture(scope="module")
+def probing() -> Stage:
+    """The paper's ground without its bog: the robot probes every 25 m, and may go everywhere."""
+    firm = load_scenario("paper").with_changes({"truth.patches": [], "soil_news": []})
+    return stage(firm, watch=Stopwatch())
+
+
+def probe_with(made: Stage, fault: Fault) -> tuple[Episode, Navigator]:
+    """Begin a staged drive once more, with a fault."""
+    assert made.world is not None
+    _, navigator = made.episode()
+    robot = sim.Robot(made.world, made.vehicle, made.start)
+    return Episode(made.world, robot, navigator, params=EpisodeParams(faults=(fault,))), navigator
+
+
+def kinds_of(seconds: list[Second], *kinds: str) -> list[str]:
+    return [event.kind for second in seconds for event in second.events if event.kind in kinds]
+
+
+@pytest.mark.parametrize("kpa", [-300.0, math.nan, 1e9, math.inf])
+def test_a_reading_that_no_ground_gives_is_refused_and_the_drive_goes_on(probing: Stage, kpa: float) -> None:
+    fault = Fault("reading_of", 0.0, 120.0, (kpa,))
+    episode, navigator = probe_with(probing, fault)
+    seconds = [episode.advance(1.0)]
+    places = [(float(x_m), float(y_m)) for x_m in range(10, 120, 5) for y_m in range(10, 120, 5)]
+    before = [navigator.soil_at(place) for place in places]
+    assert len(set(map(str, before))) > 1, "the map knows several soils"
+    seconds += [episode.advance(1.0) for _ in range(119)]
+    given = [reading for second in seconds for _, reading in second.readings]
+    assert len(given) >= 2
+    for reading in given:
+        assert len(reading.depths_m) > 5
+        assert np.array_equal(reading.cone_indices_kpa, np.full(len(reading.depths_m), kpa), equal_nan=True)
+    # Each is refused aloud, none teaches anything, and the robot drives on after each.
+    assert kinds_of(seconds, "reading_refused", "reading_taken", "nests_changed") == ["reading_refused"] * len(given)
+    assert [navigator.soil_at(place) for place in places] == before
+    assert math.dist(*((reading.x_m, reading.y_m) for reading in (given[0], given[-1]))) > 20
+    later = list(episode.seconds())
+    outcome = episode.outcome
+    assert outcome is not None
+    assert (outcome.status, outcome.collisions) == ("reached", 0)
+    assert outcome.probes == len(kinds_of(later, "reading_taken")) > 0, "what was refused is none"
+    # The penetrometer is believed again when it is well.
+    assert kinds_of(later, "reading_refused") == []
+    assert [navigator.soil_at(place) for place in places] != before
+
+
+def test_a_wrong_reading_that_some_ground_could_give_is_believed(probing: Stage) -> None:
+    """What a fault makes the penetrometer say does reach the belief: soft ground where the map says sand."""
+    episode, navigator = probe_with(probing, Fault("reading_of", figures=(50.0,)))
+    seconds = [episode.advance(1.0)]
+    soil = navigator.soil
+    for second in episode.seconds():
+        seconds.append(second)
+        if second.readings:
+            break
+    assert kinds_of(seconds, "reading_taken", "reading_refused") == ["reading_taken"]
+    assert not np.array_equal(soil, navigator.soil)  # type: ignore[arg-type]
 
 
 def test_what_cannot_be_is_refused() -> None:
