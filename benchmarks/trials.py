@@ -104,8 +104,8 @@ def grids(count: int) -> list[Asked]:
 #: Every group of sets: how it is made, how many seeds, what the number counts.
 GROUPS = {
     "drawn": (drawn, 1000, "drawn worlds"),
-    "noisy": (noisy, 200, "drawn worlds with noise and delay"),
-    "open": (unobstructed, 40, "worlds without crates for every vehicle"),
+    "noisy": (noisy, 300, "drawn worlds with noise and delay"),
+    "open": (unobstructed, 20, "worlds without crates for every vehicle"),
     "methods": (methods, 100, "worlds for every method"),
     "grids": (grids, 100, "seeds of every scenario with a map"),
 }

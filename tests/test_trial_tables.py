@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -16,9 +17,6 @@ import trial_rows
 import trials as bench
 import trials_plot
 from swathe import proving, trials
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WORDS = st.text('a "word", and another.')
 ROWS = st.builds(
@@ -192,3 +190,10 @@ def test_every_set_is_of_its_own_and_named_once() -> None:
     methods = [asked for asked in sets if asked.name.startswith(("alone", "full"))]
     assert len(methods) == 8
     assert len({tuple(trial.seed for trial in asked.items) for asked in methods}) == 1
+
+
+def test_without_options_as_many_drives_are_run_as_the_readme_says() -> None:
+    readme = Path(bench.__file__).with_name("README.md").read_text(encoding="utf-8")
+    said = dict(re.findall(r"\| `(\w+)` \|.*\| ([\d,]+) \|\n", readme))
+    for name, (group, usual, _) in bench.GROUPS.items():
+        assert said[name] == f"{sum(len(asked.items) for asked in group(usual)):,}", name
