@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pytest
 
 import commands
 from swathe import driving, proving, trials
-from swathe.errors import InvalidScenarioError
+from swathe.errors import InputError, InvalidScenarioError
 from swathe.export.folder import RUN_LOG
 from swathe.preparation import Stopwatch
 from swathe.runlog import RunLog, verify
@@ -250,6 +251,37 @@ def test_news_from_a_file_turn_the_drive_aside_and_are_verified_without_the_file
     missing = commands.run("drive", "--scenario", str(scenario), "--soil-feed", str(feed), "--out", str(tmp_path / "x"))
     assert missing.code == 4
     assert "does not exist" in missing.err
+
+
+def test_hand_readings_and_a_table_of_soil_types_are_known_before_the_drive(tmp_path: Path) -> None:
+    readings, table, scenario = (tmp_path / name for name in ("readings.csv", "types.toml", "drive.toml"))
+    readings.write_text("x,y,class\n110,70,none\n")
+    table.write_text((resources.files("swathe") / "soil_types.toml").read_text("utf-8"))
+    scenario.write_text(
+        'vehicle = "husky"\n[terrain]\ndem = ["bundled:heath"]\nsoil = "bundled:heath"\npoints_crs = "native"\n'
+        '[drive]\nstart = [90, 70]\ngoal = [135, 70]\nsoil_types = "types.toml"\n'
+    )
+    out = tmp_path / "out"
+    code, summary = drive("--scenario", str(scenario), "--readings", str(readings), out=out)
+    assert (code, summary["status"]) == (0, "reached")
+    log = RunLog.read(out / RUN_LOG)
+    assert ((log.truth.x_m - 110) ** 2 + (log.truth.y_m - 70) ** 2).min() > 9**2
+    assert {"readings.csv", "types.toml"} <= log.header.inputs.keys()
+    assert driving.replay(out, again=True)["status"] == "equal"
+    # Another table is another input, and one that lacks a class is refused before anything is driven.
+    table.write_text(table.read_text() + "# changed\n")
+    with pytest.raises(InputError, match=r"types\.toml"):
+        driving.replay(out, again=True)
+    table.write_text("[gravel]\n")
+    refused = commands.run("drive", "--scenario", str(scenario), "--out", str(tmp_path / "x"))
+    assert refused.code == 2
+    assert "types.toml" in refused.err
+    missing = commands.run("drive", "--scenario", "heath", "--readings", "none.csv", "--out", str(tmp_path / "x"))
+    assert missing.code == 4
+    assert "none.csv" in missing.err
+    no_map = commands.run("drive", "--scenario", "crates", "--readings", str(readings), "--out", str(tmp_path / "x"))
+    assert no_map.code == 4
+    assert "no map of the soil" in no_map.err
 
 
 def test_a_plan_is_driven_from_its_folder(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_players_driver_goes_to_a_place_and_turns_into_the_heading() -> None:
 def test_players_driver_escapes_only_when_it_is_told_how() -> None:
     pose, goal = Pose(0.0, 0.0, 0.0), Pose(5.0, 0.0, 0.0)
     assert PlayerVfh().drive(CLOSED, pose, 0.0, goal, 0.1)[2] == "driving"
-    params = PlayerParams(escape_speed=-0.1, escape_time=2.0, escape_max_turnspeed=30.0)
+    params = PlayerParams(escape_speed=-0.1, escape_time=2.0, escape_max_turnrate=30.0)
     turns = []
     for seed in range(20):
         speed, turn, state = PlayerVfh(params, seed=seed).drive(CLOSED, pose, 0.0, goal, 0.1)

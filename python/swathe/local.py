@@ -151,7 +151,7 @@ class PlayerParams:
         angle_epsilon: less off the goal's heading is in it.
         escape_speed: driven where every direction is closed; none without, nor without a time.
         escape_time: for so long.
-        escape_max_turnspeed: each escape turns by chance, to either side and no faster.
+        escape_max_turnrate: each escape turns by chance, to either side and no faster.
     """
 
     cell_size: float = 0.1
@@ -177,7 +177,7 @@ class PlayerParams:
     angle_epsilon: float = 10.0
     escape_speed: float = 0.0
     escape_time: float = 0.0
-    escape_max_turnspeed: float = 0.0
+    escape_max_turnrate: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every figure.
@@ -229,7 +229,7 @@ class PlayerParams:
             math.radians(self.angle_epsilon),
             self.escape_speed,
             self.escape_time,
-            math.radians(self.escape_max_turnspeed),
+            math.radians(self.escape_max_turnrate),
         ]
         return figures, both
 

@@ -145,6 +145,8 @@ class DrivePart(_Part):
     margin_m: Metres = 0.1
     time_limit_s: Seconds | None = None
     soil_rule: Literal["bayes", "paper_relabel"] = "bayes"
+    soil_types: str | None = None
+    readings: str | None = None
 
 
 class ProbingPart(_Part):
@@ -332,6 +334,8 @@ class Scenario(_Part):
             raise ValueError("drive.start and drive.goal are needed with a [terrain]")
         if self.world is not None and (self.truth != TruthPart() or self.soil_news or self.probing.policy != "never"):
             raise ValueError("a drawn [world] has no map of the soil: leave out truth, probing and soil_news")
+        if self.world is not None and not (self.drive.soil_types is None is self.drive.readings):
+            raise ValueError("a drawn [world] has no map of the soil: leave out drive.soil_types and drive.readings")
         if self.sensors.sensor == "sonar" and self.drive.method == "player":
             raise ValueError("drive.method player steers by scans of a laser: sensors.sensor must be laser or both")
         return self
@@ -483,6 +487,9 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         for key in ("soil", "soil_legend", "cost_raster"):
             if (name := getattr(terrain, key)) is not None:
                 changes[f"terrain.{key}"] = _resolved(name, path.parent)
+    for key in ("soil_types", "readings"):
+        if (name := getattr(scenario.drive, key)) is not None:
+            changes[f"drive.{key}"] = _resolved(name, path.parent)
     if scenario.vehicle.endswith(".toml"):
         changes["vehicle"] = _resolved(scenario.vehicle, path.parent)
     return scenario.with_changes(changes)

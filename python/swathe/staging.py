@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tempfile
 from dataclasses import dataclass, replace
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swathe import sim
-from swathe.belief import BeliefParams, PenetrometerReading
+from swathe.belief import BeliefParams, ClassReading, PenetrometerReading, load_soil_types
 from swathe.drive import DriveParams, Navigator, Region
 from swathe.episode import Episode, EpisodeParams
+from swathe.io.readings import read_readings
 from swathe.planning import Found, search
 from swathe.preparation import open_source
 from swathe.sensor import Pose
@@ -70,6 +72,7 @@ class Stage:
         route: what things are placed along.
         vehicle_toml: the vehicle's file, empty for a bundled one.
         learning: the soil of a store's ground before anything was learnt there, and all that was read since.
+        readings: hand readings that are known before the drive begins.
     """
 
     scenario: Scenario
@@ -81,13 +84,18 @@ class Stage:
     goal: Position
     route: Route
     learning: SoilLearning | None = None
+    readings: tuple[PenetrometerReading | ClassReading, ...] = ()
 
     @property
     def inputs(self) -> dict[str, str]:
         """Name and SHA-256 of every input."""
         if self.found is None:
             return {}
-        return {given["name"]: given["sha256"] for given in inputs_of(self.found.shown)}
+        given = {given["name"]: given["sha256"] for given in inputs_of(self.found.shown)}
+        for name in (self.scenario.drive.soil_types, self.scenario.drive.readings):
+            if name is not None:
+                given[Path(name).name] = hashlib.sha256(Path(name).expanduser().read_bytes()).hexdigest()
+        return given
 
     @property
     def why_not(self) -> str:
@@ -144,7 +152,8 @@ class Stage:
         )
         goal = (self.goal.x_m, self.goal.y_m)
         navigator = Navigator(self.vehicle, goal, region=self._region(), params=how, seed=scenario.seed)
-        for reading in () if self.learning is None else self.learning.readings:
+        known = self.readings if self.learning is None else (*self.learning.readings, *self.readings)
+        for reading in known:
             if isinstance(reading, PenetrometerReading):
                 navigator.learn_reading(reading)
             else:
@@ -158,7 +167,8 @@ class Stage:
         if self.found is None:
             return None
         region, grids = self.found.shown.region, self.scenario.drive.grids
-        belief = BeliefParams(rule=self.scenario.drive.soil_rule)
+        drive = self.scenario.drive
+        belief = BeliefParams(rule=drive.soil_rule, types=load_soil_types(drive.soil_types))
         if self.learning is None:
             return Region.of(region, belief=belief, grids=grids)
         learning = self.learning
@@ -190,11 +200,22 @@ def stage(
     ends = (scenario.drive.start or (0.0, 0.0), scenario.drive.goal or (0.0, 0.0))
     with watch.step("open"):
         source = open_source(terrain)
-    learning = None
+    load_soil_types(scenario.drive.soil_types)
+    learning: SoilLearning | None = None
+    readings: tuple[PenetrometerReading | ClassReading, ...] = ()
     with source:
         found = search(source, terrain, ends, settings, vehicle, watch=watch, lazily=False, on_progress=on_progress)
         if isinstance(source, StoredElevation):
             learning = source.learning(found.shown.frame)
+        if scenario.drive.readings is not None:
+            readings = tuple(
+                read_readings(
+                    scenario.drive.readings,
+                    found.shown.frame,
+                    points_crs=terrain.points_crs,
+                    source_crs_wkt=source.source_crs_wkt,
+                )
+            )
     planned = found.answer.route
     if planned is None or not planned.legs:
         start, goal = found.ends
@@ -210,7 +231,8 @@ def stage(
         soil = ground.soil if learning is None else learning.codes
         world = true_world(scenario, ground.geometry, ground.elevation_m, soil, route)
     goal = found.answer.goal[0] if found.answer.goal is not None else found.ends[1]
-    return Stage(scenario, vehicle, toml, found, world, Pose(first[0], first[1], heading_rad), goal, route, learning)
+    stands = Pose(first[0], first[1], heading_rad)
+    return Stage(scenario, vehicle, toml, found, world, stands, goal, route, learning, readings)
 
 
 def _vehicle(name: str, toml: str | None) -> tuple[Vehicle, str]:

@@ -122,7 +122,7 @@ impl PlayerVfh {
             angle_epsilon_rad,
             escape_speed_mps,
             escape_time_s,
-            escape_max_turnspeed_radps,
+            escape_max_turnrate_radps,
         ] = figures;
         let [safety_dist_m, max_turnrate_radps, free_space_cutoff, obs_cutoff] = pairs;
         let params = PlayerParams {
@@ -145,7 +145,7 @@ impl PlayerVfh {
             angle_epsilon_rad,
             escape_speed_mps,
             escape_time_s,
-            escape_max_turnspeed_radps,
+            escape_max_turnrate_radps,
             robot_radius_m,
             ..PlayerParams::default()
         };

@@ -102,6 +102,14 @@ def drive(
         Literal["bayes", "paper_relabel"] | None,
         typer.Option("--soil-rule", help="What a reading changes: the belief by Bayes, or the class as in the paper."),
     ] = None,
+    soil_types: Annotated[
+        str | None,
+        typer.Option("--soil-types", help="TOML table of what each soil type is like, in place of the bundled one."),
+    ] = None,
+    readings: Annotated[
+        str | None,
+        typer.Option("--readings", help="CSV of hand readings of a penetrometer that are known before the drive."),
+    ] = None,
     probing: Annotated[
         Literal["never", "every", "where-it-matters"] | None,
         typer.Option("--probing", help="When the robot stops to push the penetrometer in."),
@@ -187,6 +195,8 @@ def drive(
             "drive.grids": grids,
             "drive.outside_nests": outside_nests,
             "drive.soil_rule": soil_rule,
+            "drive.soil_types": soil_types,
+            "drive.readings": readings,
             "drive.time_limit_s": time_limit,
             "probing.policy": probing,
             "probing.every_m": probe_every,

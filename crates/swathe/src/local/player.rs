@@ -52,8 +52,8 @@ pub struct PlayerParams {
     pub escape_speed_mps: f64,
     /// `escape_time` in seconds, and none without.
     pub escape_time_s: f64,
-    /// `escape_max_turnspeed` in rad/s: each escape turns by chance, to either side and no faster.
-    pub escape_max_turnspeed_radps: f64,
+    /// `escape_max_turnrate` in rad/s: each escape turns by chance, to either side and no faster.
+    pub escape_max_turnrate_radps: f64,
     /// Degrees off the goal that count as much as a class of goodness that the ground lacks; not the driver's.
     pub ground_deg: f64,
     /// Robot radius in metres; the driver takes half the longer side of the base.
@@ -83,7 +83,7 @@ impl Default for PlayerParams {
             angle_epsilon_rad: 10f64.to_radians(),
             escape_speed_mps: 0.0,
             escape_time_s: 0.0,
-            escape_max_turnspeed_radps: 0.0,
+            escape_max_turnrate_radps: 0.0,
             ground_deg: 2.0,
             robot_radius_m: 0.25,
         }

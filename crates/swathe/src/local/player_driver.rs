@@ -94,7 +94,7 @@ impl PlayerDriver {
         self.escape_s = self.params.escape_time_s;
         let chance = unit(philox([self.escapes, 0, 0, 0], self.seed)[0]);
         self.escapes = self.escapes.wrapping_add(1);
-        self.escape_radps = (2.0 * chance - 1.0) * self.params.escape_max_turnspeed_radps;
+        self.escape_radps = (2.0 * chance - 1.0) * self.params.escape_max_turnrate_radps;
         (self.escaping(), PlayerState::Escaping)
     }
 
@@ -172,7 +172,7 @@ mod tests {
         let params = PlayerParams {
             escape_speed_mps: -0.1,
             escape_time_s: 1.0,
-            escape_max_turnspeed_radps: 0.5,
+            escape_max_turnrate_radps: 0.5,
             ..PlayerParams::default()
         };
         let mut turns = Vec::new();
