@@ -202,12 +202,13 @@ fn late_scans_make_it_slower_and_not_blind() {
         drive.robot.scan_delay_s = scan_delay_s;
         drive.run()
     };
-    let late = drive(0.2);
+    let (prompt, late) = (drive(0.0), drive(0.2));
     assert!(
         late.status == Status::Reached && late.collisions == 0,
         "{}",
         late.told()
     );
+    assert!(late.seconds > prompt.seconds, "{} {}", late.told(), prompt.told());
 }
 
 #[test]

@@ -215,6 +215,37 @@ fn a_reading_under_the_robot_sends_it_back_to_safe_ground_and_around() {
 }
 
 #[test]
+fn news_change_what_every_grid_answers_at_the_same_step() {
+    let mut drive = Drive::new(
+        navigator(ground(&["gggggggggg"; 9], 0.0), (36.0, 0.0), DriveParams::default()),
+        (6.0, 0.0),
+        None,
+    );
+    let told = |drive: &mut Drive| {
+        drive.step(None);
+        let events = drive.navigator.events().iter();
+        let answers = events.filter_map(|event| match event {
+            Event::Navigability { grids, navigable, .. } => Some((grids.clone(), *navigable)),
+            _ => None,
+        });
+        answers.last().unwrap()
+    };
+    assert_eq!(told(&mut drive), (vec![true, true], true));
+    let all = (0..9).flat_map(|row| (0..10).map(move |column| crate::grid::Cell::new(row, column)));
+    let news = |time_s, class| SoilUpdate {
+        time_s,
+        source: "gauge".to_owned(),
+        extent: Extent::Cells(all.clone().collect()),
+        word: Word::Class(class),
+        cone_index_kpa: None,
+    };
+    drive.navigator.learn_soil(&news(1.0, SoilClass::None)).unwrap();
+    assert_eq!(told(&mut drive), (vec![false, false], false));
+    drive.navigator.learn_soil(&news(2.0, SoilClass::Gravel)).unwrap();
+    assert_eq!(told(&mut drive), (vec![true, true], true));
+}
+
+#[test]
 fn no_safe_nest_and_no_way_are_told() {
     let rows = ["ssssssssss"; 9];
     let mut drive = Drive::new(

@@ -5,6 +5,7 @@ mod closed_loop;
 mod learning;
 mod movers;
 mod odometry;
+mod region;
 mod threads;
 mod ways;
 pub(super) mod world;
