@@ -11,8 +11,10 @@ from PIL import Image
 
 import commands
 from commands import PLAN_FILES
+from swathe.cli import story
 from swathe.export.folder import DRIVE_PICTURES, RUN_LOG
 from swathe.runlog import RunLog
+from swathe.scenario import load_scenario
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,3 +68,10 @@ def test_the_demo_drives_a_field_leg_and_leaves_its_log_pictures_and_film(demo: 
             assert np.ptp(levels) > 100, f"{name} shows something"
     page = (folder / "report.html").read_text()
     assert page.count("data:image/gif;base64,") == 1
+
+
+def test_a_demo_whose_drive_does_not_arrive_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        story, "load_scenario", lambda name: load_scenario(name).with_changes({"drive.time_limit_s": 2.0})
+    )
+    assert story.tell(tmp_path / "demo", as_json=False, quiet=True) == 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 import subprocess
 import sys
@@ -22,10 +23,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drives import HEADER, OUTCOME, made_log, made_second
-from swathe.episode import STATUSES, Event, Motion
+from swathe.episode import STATUSES, Event, Motion, Reading
 from swathe.errors import MissingFileError, OutputError, UnreadableFileError
 from swathe.runlog import LogHeader, RunLog, RunLogWriter, cdr, verify
 from swathe.runlog.definitions import TOPICS, message_definition
+from swathe.sensor import PenetrometerReading
 
 if TYPE_CHECKING:
     from swathe.episode import Second
@@ -397,6 +399,15 @@ def test_a_log_without_anything_in_it_is_one(tmp_path: Path) -> None:
         log.write(second)
     log_read = RunLog.read(tmp_path / "a")
     assert (log_read.seconds, len(log_read.odometry.times_s), log_read.is_complete) == (0, 0, False)
+
+
+def test_what_a_broken_instrument_told_is_no_number_in_the_log(tmp_path: Path) -> None:
+    reading = PenetrometerReading(1.0, 2.0, (0.1, 0.2), (math.nan, math.inf), None)
+    with RunLogWriter(tmp_path / "a", HEADER) as log:
+        log.write(made_second(readings=[Reading(0.2, reading)]))
+    [found] = RunLog.read(tmp_path / "a").readings
+    assert found.reading.depths_m == (0.1, 0.2)
+    assert all(math.isnan(number) for number in found.reading.cone_indices_kpa)
 
 
 def test_a_full_disk_is_said_and_the_log_stays_readable(tmp_path: Path) -> None:

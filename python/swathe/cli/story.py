@@ -27,7 +27,10 @@ _CHAPTERS = (
 
 
 def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
-    """Plan every chapter into a folder of its own below ``out`` and end by naming the first one's report."""
+    """Plan every chapter into a folder of its own below ``out``, drive the last one, and name the reports.
+
+    Returns 0, or 3 as ``swathe drive`` does when the drive has not reached its goal.
+    """
     from swathe.export.folder import require_ours_or_runs
 
     require_ours_or_runs(out, (*(chapter[0] for chapter in _CHAPTERS), _DRIVE))
@@ -45,11 +48,12 @@ def tell(out: Path, *, as_json: bool, quiet: bool) -> int:
             say.show(f"\n{title}: {_in_short(summary)}")
     answers.append(_drive(out / _DRIVE, as_json=as_json, quiet=quiet))
     first = answers[0]["outputs"]["report"]
-    found = {"status": "done", "report": first, "chapters": answers}
+    is_done = answers[-1]["status"] == "reached"
+    found = {"status": "done" if is_done else "not_reached", "report": first, "chapters": answers}
     last = answers[-1]["outputs"]["report"]
     words = f"\nEvery way has a report with its map; the drive's is\n{last}\nthe tractor's\n{first}"
     say.line(found, words, as_json=as_json)
-    return 0
+    return 0 if is_done else 3
 
 
 def _drive(out: Path, *, as_json: bool, quiet: bool) -> dict[str, Any]:
@@ -60,7 +64,7 @@ def _drive(out: Path, *, as_json: bool, quiet: bool) -> dict[str, Any]:
     if not as_json:
         how = f"{wording.length(summary['distance_m'])} in {wording.duration(summary['duration_s'])}"
         near = "" if summary["min_clearance_m"] is None else f", never nearer than {summary['min_clearance_m']:.1f} m"
-        reached = "reached the goal" if summary["status"] == "reached" else summary["reason"]
+        reached = "reached the goal" if summary["status"] == "reached" else summary["reason"].rstrip(".")
         say.show(f"\n{title}: {reached}; {how}{near}.")
     return {"chapter": _DRIVE, "title": title, **summary}
 

@@ -128,6 +128,7 @@ def _json(description: str, **fields: object) -> dict[str, Any]:
 _NUMBER = {"type": "number"}
 _TEXT = {"type": "string"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
+_NUMBERS_OR_NONE = {"type": "array", "items": {"type": ["number", "null"]}}
 
 #: Every channel by its topic; the place in this table, from 1, is the channel's number in the file.
 TOPICS: dict[str, Topic] = {
@@ -156,8 +157,8 @@ TOPICS: dict[str, Topic] = {
             "A penetrometer reading.",
             x_m=_NUMBER,
             y_m=_NUMBER,
-            depths_m=_NUMBERS,
-            cone_indices_kpa=_NUMBERS,
+            depths_m=_NUMBERS_OR_NONE,
+            cone_indices_kpa=_NUMBERS_OR_NONE,
             refusal_depth_m={"type": ["number", "null"]},
         ),
     ),

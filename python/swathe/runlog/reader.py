@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -263,11 +264,20 @@ def _movers(told: list[dict[str, Any]]) -> Movers:
     return Movers(np.array([each["time_s"] for each in told], np.float64), discs[:, :, :2].copy(), radii)
 
 
+def _numbers(told: list[float | None]) -> tuple[float, ...]:
+    """Return numbers of a log, where JSON has null for what is none."""
+    return tuple(math.nan if number is None else number for number in told)
+
+
 def _reading(told: dict[str, Any]) -> Reading:
     return Reading(
         told["time_s"],
         PenetrometerReading(
-            told["x_m"], told["y_m"], tuple(told["depths_m"]), tuple(told["cone_indices_kpa"]), told["refusal_depth_m"]
+            told["x_m"],
+            told["y_m"],
+            _numbers(told["depths_m"]),
+            _numbers(told["cone_indices_kpa"]),
+            told["refusal_depth_m"],
         ),
     )
 
