@@ -39,8 +39,10 @@ if TYPE_CHECKING:
 #: How far somebody's word on the soil of a place reaches.
 WORD_RADIUS_M = 10.0
 
-#: A drive may take this many times the time of its route, and at least so many seconds.
+#: A drive may take this many times the time of its route, and at least so many seconds; and so many more for every
+#: reading that it may stop for, at most one in so many metres where the robot itself says when.
 _PATIENCE, _LEAST_LIMIT_S = 6.0, 300.0
+_READING_S, _READINGS_M = 30.0, 10.0
 
 
 #: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
@@ -112,7 +114,9 @@ class Stage:
             return limit_s
         planned = None if self.found is None else self.found.answer.route
         usual_s = self.route.length_m / self.vehicle.max_speed_mps if planned is None else planned.time_s
-        return max(_LEAST_LIMIT_S, _PATIENCE * usual_s)
+        probing = self.scenario.probing
+        spacing_m = {"never": math.inf, "every": probing.every_m}.get(probing.policy, _READINGS_M)
+        return max(_LEAST_LIMIT_S, _PATIENCE * usual_s) + _READING_S * self.route.length_m / spacing_m
 
     def episode(self, *, records: bool = True) -> tuple[Episode, Navigator]:
         """Return the drive at its beginning, and the navigator that drives; ``records`` as in ``EpisodeParams``."""

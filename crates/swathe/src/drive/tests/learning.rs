@@ -224,11 +224,11 @@ fn news_change_what_every_grid_answers_at_the_same_step() {
     let told = |drive: &mut Drive| {
         drive.step(None);
         let events = drive.navigator.events().iter();
-        let answers = events.filter_map(|event| match event {
+        let mut answers = events.filter_map(|event| match event {
             Event::Navigability { grids, navigable, .. } => Some((grids.clone(), *navigable)),
             _ => None,
         });
-        answers.last().unwrap()
+        answers.next_back().unwrap()
     };
     assert_eq!(told(&mut drive), (vec![true, true], true));
     let all = (0..9).flat_map(|row| (0..10).map(move |column| crate::grid::Cell::new(row, column)));
