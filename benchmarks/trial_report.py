@@ -146,7 +146,10 @@ def _methods(found: Found) -> list[str]:
     if not sets:
         return []
     counts = {len(rows) for rows in sets.values()}
-    lines = ["", f"## Methods on the same {min(counts)} worlds (Jackal, static)", "", *_HEAD]
+    lines = ["", f"## Methods on the same {max(counts)} worlds (Jackal, static)", ""]
+    if len(counts) > 1:
+        lines += [f"Sets with fewer rows, {min(counts)} at least, have the first of these worlds only.", ""]
+    lines += _HEAD
     lines += [summary_row(method_words(name), rows) for name, rows in sets.items()]
     reached = {name: {row.seed: row for row in rows if row.status == "reached"} for name, rows in sets.items()}
     for title, names in (
