@@ -384,12 +384,15 @@ impl CertaintyGrid {
                 return;
             }
             let index = self.wrapped((row, column));
-            let is_told = self.evidence[index].level <= 0 || self.certainty[index] == UNSEEN || {
-                matches!(self.params.evidence, Evidence::Himm { .. })
-                    || ray.passes((row, column), self.evidence[index].hits)
-            };
-            if is_told {
-                self.count(index, (row, column), change);
+            let evident = &self.evidence[index];
+            // Near the sensor most cells have counted in this scan already.
+            if evident.scan != self.scan {
+                let is_told = evident.level <= 0 || self.certainty[index] == UNSEEN || {
+                    matches!(self.params.evidence, Evidence::Himm { .. }) || ray.passes((row, column), evident.hits)
+                };
+                if is_told {
+                    self.count(index, (row, column), change);
+                }
             }
             if to_column < to_row {
                 column += step[0];
