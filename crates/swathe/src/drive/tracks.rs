@@ -248,7 +248,9 @@ impl Track {
         self.misses = 0;
         let speed_mps = self.speed[0].hypot(self.speed[1]);
         let way_m = (self.at[0] - self.born[0]).hypot(self.at[1] - self.born[1]);
-        self.is_sure |= self.scans >= LEAST_SCANS
+        // The end of what is cut creeps along a thing that stands.
+        self.is_sure |= !cluster.is_cut
+            && self.scans >= LEAST_SCANS
             && way_m >= LEAST_WAY_M
             && (SPEEDS_MPS[0]..=SPEEDS_MPS[1]).contains(&speed_mps)
             && self.speed_var.sqrt() < UNSURE_MPS;
