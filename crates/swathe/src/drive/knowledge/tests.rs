@@ -255,7 +255,9 @@ proptest! {
         };
         let answer = plan(terrain, &ranker, &map.vehicle, &map.rank, &request, &mut |_, _, _| true).unwrap();
         let inside = |at: Position| geometry.cell_at(at).is_some_and(|cell| knowledge.in_nest(cell));
-        if inside(start) && inside(goal) {
+        // Where its ends lie in two nests, the plan may set out from a nest close by instead; the drive never does.
+        let moved = answer.start.is_some() || answer.goal.is_some();
+        if inside(start) && inside(goal) && !moved {
             match (answer.path_cost, knowledge.route_cost()) {
                 (Some(a), Some(b)) => prop_assert!((a - b).abs() <= 1e-9 * a, "{} {}", a, b),
                 (None, None) => prop_assert_eq!(knowledge.standing(), Standing::CutOff),
