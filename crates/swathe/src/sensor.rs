@@ -176,6 +176,22 @@ impl Scan {
         self.angle_min_rad + self.angle_increment_rad * beam as f64
     }
 
+    /// The beam that points to a bearing from the sensor's forward axis, in radians, with a fraction where it lies between two;
+    /// `None` outside the fan.
+    pub(crate) fn beam_at(&self, bearing_rad: f64) -> Option<f64> {
+        let bearing = wrap(bearing_rad - self.angle_min_rad);
+        let step = self.angle_increment_rad;
+        if step == 0.0 {
+            return None;
+        }
+        // The bearing may be a turn more or less, as the fan may begin anywhere.
+        let turn = std::f64::consts::TAU;
+        [bearing, bearing + turn, bearing - turn]
+            .map(|bearing| bearing / step)
+            .into_iter()
+            .find(|beam| (-0.5..self.ranges_m.len() as f64 - 0.5).contains(beam))
+    }
+
     /// What a beam tells by its range alone.
     pub fn beam(&self, beam: usize) -> Return {
         let range_m = self.ranges_m[beam];

@@ -7,6 +7,7 @@
 mod attitude;
 mod event;
 mod follow;
+mod glimpses;
 mod knowledge;
 mod learning;
 mod memory;

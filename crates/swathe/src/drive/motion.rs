@@ -264,15 +264,18 @@ impl Navigator {
     /// The command, or one from which the vehicle still stops in time: however it moves now, it cannot be on another arc at once.
     pub(super) fn guarded(&self, now: &Now, wanted: (f64, f64)) -> (f64, f64) {
         let moves = (now.speed_mps, now.turn_rate_radps);
-        let told_s = now.age_s + 2.0 * now.step_s.min(0.5);
+        let step_s = now.step_s.min(0.5);
+        let told_s = now.age_s + 2.0 * step_s;
         let wanted = self.shape.within_turn_rate(wanted);
         let follows = |told: (f64, f64), told_s: f64| self.around.stays_clear(&self.shape, moves, told, told_s);
         let clears = |told: (f64, f64), told_s: f64| {
             let is_arc = self.shape.turns_in_place() && told.0 != 0.0 && told.1 != 0.0;
             follows(told, told_s) && (!is_arc || follows((told.0, (1.0 - SKID_SHARE) * told.1), told_s))
         };
+        // The next step must be free to stop as well as to go on.
+        let is_safe = |told: (f64, f64)| clears(told, told_s) && clears(told, told_s - step_s);
         let slower = [1.0, 0.5, 0.25].map(|share| (share * wanted.0, share * wanted.1));
-        if let Some(told) = slower.into_iter().find(|&told| clears(told, told_s)) {
+        if let Some(told) = slower.into_iter().find(|&told| is_safe(told)) {
             return told;
         }
         // The last command was found clear with a stop after one more step of it, not with one at once. What moves is another thing:

@@ -1,7 +1,5 @@
 //! The pipeline of a step.
 
-use std::collections::VecDeque;
-
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::nest::Navigability;
@@ -10,6 +8,7 @@ use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
 use super::follow::Thread;
+use super::glimpses::Glimpses;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
 use super::movers::GivingWay;
@@ -75,8 +74,7 @@ pub struct Navigator {
     pub(super) odometry: Odometry,
     pub(super) tracks: Tracks,
     pub(super) giving_way: GivingWay,
-    /// Where the last scans met something, by their time.
-    pub(super) fresh: VecDeque<(f64, Vec<(f64, f64)>)>,
+    pub(super) glimpses: Glimpses,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -158,7 +156,7 @@ impl Navigator {
             odometry: Odometry::default(),
             tracks: Tracks::default(),
             giving_way: GivingWay::default(),
-            fresh: VecDeque::new(),
+            glimpses: Glimpses::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -350,9 +348,14 @@ impl Navigator {
         }
     }
 
-    /// Gathers what stands around a pose: from the certainty grid, and every return of the last second.
+    /// How far around the robot every obstacle counts.
+    pub(super) fn around_m(&self) -> f64 {
+        self.shape.stopping_m(self.shape.max_speed_mps) + 1.0
+    }
+
+    /// Gathers what stands around a pose: from the certainty grid, and what was met too seldom for it.
     fn gather(&mut self, pose: &Pose, speed_mps: f64) {
-        let reach_m = self.shape.stopping_m(self.shape.max_speed_mps) + 1.0;
+        let reach_m = self.around_m();
         let stopping_m = self.shape.stopping_m(speed_mps.abs().min(self.shape.max_speed_mps));
         self.around.gather(
             (&self.grid, SURE),
@@ -361,13 +364,8 @@ impl Navigator {
             (reach_m, stopping_m),
             (self.margin_m(speed_mps), self.least_m()),
         );
-        self.around.add(
-            self.fresh.iter().flat_map(|(_, places)| places).copied(),
-            (&self.grid, SURE),
-            pose,
-            &self.shape,
-            reach_m,
-        );
+        self.around
+            .add(self.glimpses.places(), (&self.grid, SURE), pose, &self.shape, reach_m);
     }
 
     /// Seconds since the last step, or why they cannot be told.
@@ -392,7 +390,7 @@ impl Navigator {
             self.met.clear();
             self.odometry = Odometry::default();
             self.tracks.clear();
-            self.fresh.clear();
+            self.glimpses.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();

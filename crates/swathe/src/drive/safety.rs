@@ -1,7 +1,8 @@
 //! How far the footprint can go: obstacles that the certainty grid holds, and ground that was seen.
 
+use crate::grid::Position;
 use crate::local::CertaintyGrid;
-use crate::sensor::{Pose, Return, Scan, wrap};
+use crate::sensor::{Pose, Return, Scan};
 
 use super::params::Shape;
 
@@ -75,14 +76,14 @@ impl Surroundings {
     /// Adds places where something was met that the grid is not sure of.
     pub fn add(
         &mut self,
-        places: impl Iterator<Item = (f64, f64)>,
+        places: impl Iterator<Item = Position>,
         (grid, sure): (&CertaintyGrid, u8),
         pose: &Pose,
         shape: &Shape,
         reach_m: f64,
     ) {
         let (sin, cos) = pose.heading_rad.sin_cos();
-        for (x_m, y_m) in places {
+        for Position { x_m, y_m } in places {
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
             if dx.hypot(dy) > reach_m || grid.certainty_at(x_m, y_m).is_some_and(|certainty| certainty >= sure) {
                 continue;
@@ -131,14 +132,18 @@ impl Surroundings {
             return true;
         }
         let (mut x_m, mut y_m, mut heading_rad) = (0.0_f64, 0.0_f64, 0.0_f64);
+        // The command ends with a piece of its own: a whole one more of a hard turn would be another arc.
+        let told_pieces = (told_s / PIECE_S).ceil();
+        let told_piece_s = told_s / told_pieces.max(1.0);
         for piece in 0..MOST_PIECES {
-            let brakes = piece as f64 * PIECE_S >= told_s;
+            let brakes = piece as f64 >= told_pieces;
+            let piece_s = if brakes { PIECE_S } else { told_piece_s };
             if brakes && speed.abs() < 1e-3 && turn.abs() < 0.05 {
                 return true;
             }
             let (to_mps, to_radps) = if brakes {
                 // On the same arc.
-                let slower = (speed.abs() - shape.braking_mps2 * PIECE_S).max(0.0);
+                let slower = (speed.abs() - shape.braking_mps2 * piece_s).max(0.0);
                 (
                     0.0,
                     if speed.abs() > 0.1 {
@@ -151,18 +156,18 @@ impl Surroundings {
                 told
             };
             let gains = to_mps * speed >= 0.0 && to_mps.abs() > speed.abs();
-            let most = PIECE_S
+            let most = piece_s
                 * if gains {
                     shape.acceleration_mps2
                 } else {
                     shape.braking_mps2
                 };
             speed += (to_mps - speed).clamp(-most, most);
-            turn += (to_radps - turn).clamp(-spin * PIECE_S, spin * PIECE_S);
-            let middle_rad = heading_rad + turn * PIECE_S / 2.0;
-            x_m += speed * PIECE_S * middle_rad.cos();
-            y_m += speed * PIECE_S * middle_rad.sin();
-            heading_rad += turn * PIECE_S;
+            turn += (to_radps - turn).clamp(-spin * piece_s, spin * piece_s);
+            let middle_rad = heading_rad + turn * piece_s / 2.0;
+            x_m += speed * piece_s * middle_rad.cos();
+            y_m += speed * piece_s * middle_rad.sin();
+            heading_rad += turn * piece_s;
             let (sin, cos) = heading_rad.sin_cos();
             for &(px, py, margin_m) in &near {
                 let (dx, dy) = (px - x_m, py - y_m);
@@ -316,22 +321,10 @@ impl Sight<'_> {
         let Some(scan) = self.scan else { return false };
         let (dx, dy) = (ahead_m - scan.mount.x_m, left_m - scan.mount.y_m);
         let away_m = dx.hypot(dy);
-        let bearing = wrap(dy.atan2(dx) - scan.mount.heading_rad - scan.angle_min_rad);
         let beams = scan.ranges_m.len();
-        let step = scan.angle_increment_rad;
-        if step == 0.0 {
+        let Some(place) = scan.beam_at(dy.atan2(dx) - scan.mount.heading_rad) else {
             return false;
-        }
-        // The bearing may be a turn more or less, as the fan may begin anywhere.
-        let place = [
-            bearing,
-            bearing + std::f64::consts::TAU,
-            bearing - std::f64::consts::TAU,
-        ]
-        .map(|bearing| bearing / step)
-        .into_iter()
-        .find(|place| (-0.5..beams as f64 - 0.5).contains(place));
-        let Some(place) = place else { return false };
+        };
         let nearest = place.round() as i64;
         (nearest - 1..=nearest + 1).any(|beam| {
             let inside = beam >= 0 && (beam as usize) < beams && (beam as f64 - place).abs() <= 1.01;

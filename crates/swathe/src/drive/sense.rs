@@ -10,10 +10,6 @@ use super::navigator::{Navigator, is_place};
 pub(super) const SURE: u8 = 6;
 const GONE: u8 = 3;
 
-/// The last scans whose every return counts, and for how many seconds.
-const FRESH_SCANS: usize = 40;
-const FRESH_S: f64 = 1.0;
-
 /// Memory cells are this many certainty cells wide.
 pub(super) const MEMORY_CELLS: i64 = 2;
 
@@ -45,7 +41,10 @@ impl Navigator {
         self.refused = None;
         self.scan_time_s = Some(time_s);
         self.take_in(pose, scan);
-        self.note_fresh(time_s, pose, scan);
+        // A single return makes the robot brake, whatever the certainty grid says yet.
+        let reach_m = self.around_m();
+        self.glimpses
+            .note(time_s, (pose, scan), &self.tracks.beams, &self.grid, reach_m);
         self.tracks.observe(time_s, pose, scan);
     }
 
@@ -66,25 +65,6 @@ impl Navigator {
             None => self.grid.observe(pose, scan, |beam| note(scan.beam(beam))),
         }
         self.remember();
-    }
-
-    /// Notes where the scan that was just taken in met something: a single return makes the robot brake, whatever the certainty
-    /// grid says yet.
-    fn note_fresh(&mut self, time_s: f64, pose: &Pose, scan: &Scan) {
-        let sensor = pose.of_mount(&scan.mount);
-        let places = self.tracks.beams.iter().enumerate().filter_map(|(beam, told)| {
-            let &Return::Obstacle { range_m } = told else {
-                return None;
-            };
-            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
-            Some((sensor.x_m + cos * range_m, sensor.y_m + sin * range_m))
-        });
-        let places = places.collect();
-        self.fresh.push_back((time_s, places));
-        let is_old = |then: f64| then < time_s - FRESH_S;
-        while self.fresh.len() > FRESH_SCANS || self.fresh.front().is_some_and(|&(then, _)| is_old(then)) {
-            self.fresh.pop_front();
-        }
     }
 
     /// Takes in one beam as a cone.

@@ -215,6 +215,33 @@ fn a_way_round_a_long_wall_is_found_with_more_effort() {
     assert!(legs.iter().map(Leg::length_m).sum::<f64>() > 40.0);
 }
 
+/// A navigator at the origin that moves and was told something, with one place around it that it knows of.
+fn moving(place: Point, limits: Shape, moves: (f64, f64), told: (f64, f64)) -> (Navigator, Now<'static>) {
+    let mut navigator = Navigator::new(
+        &vehicle(0.99, 0.67, 1.0, 0.0),
+        Position::new(9.0, 0.0),
+        None,
+        DriveParams::default(),
+    )
+    .expect("plain figures");
+    navigator.shape = limits;
+    navigator.around = around(place, &limits);
+    navigator.last_command.speed_mps = told.0;
+    navigator.last_command.turn_rate_radps = told.1;
+    let now = Now {
+        time_s: 1.0,
+        step_s: 0.05,
+        age_s: 0.0,
+        pose: Pose::level(0.0, 0.0, 0.0),
+        speed_mps: moves.0,
+        turn_rate_radps: moves.1,
+        scan: None,
+        answer: None,
+        aim: Position::new(9.0, 0.0),
+    };
+    (navigator, now)
+}
+
 /// Surroundings of a robot at the origin that hold one place.
 fn around(place: Point, shape: &Shape) -> Surroundings {
     let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
@@ -258,7 +285,7 @@ fn an_arc_that_cannot_be_driven_at_once_is_no_way_past() {
     let on_arc = there.free_m(&shape, told.1 / told.0, true, 1.5, |_, _| true);
     assert!(on_arc > 1.2, "{on_arc}");
     // But the wheels take a second to such a turn, and by then it is too late.
-    assert!(!there.stays_clear(&shape, (0.9, 0.0), told, 0.06));
+    assert!(!there.stays_clear(&shape, (0.9, 0.0), told, 0.1));
     assert!(there.stays_clear(&shape, (0.3, 0.0), (0.3, -0.7), 0.06));
 }
 
@@ -328,32 +355,26 @@ fn a_command_is_kept_to_where_a_stop_at_once_would_touch() {
         if there.stays_clear(&limits, moves, (0.0, 0.0), 0.0) || !there.stays_clear(&limits, moves, told, 0.05) {
             continue;
         }
-        let mut navigator = Navigator::new(
-            &vehicle(0.99, 0.67, 1.0, 0.0),
-            Position::new(9.0, 0.0),
-            None,
-            DriveParams::default(),
-        )
-        .expect("plain figures");
-        navigator.shape = limits;
-        navigator.around = there;
-        navigator.last_command.speed_mps = told.0;
-        navigator.last_command.turn_rate_radps = told.1;
-        let now = Now {
-            time_s: 1.0,
-            step_s: 0.05,
-            age_s: 0.0,
-            pose: Pose::level(0.0, 0.0, 0.0),
-            speed_mps: moves.0,
-            turn_rate_radps: moves.1,
-            scan: None,
-            answer: None,
-            aim: Position::new(9.0, 0.0),
-        };
+        let (navigator, now) = moving(place, limits, moves, told);
         // Straight on is no way to go either.
         if navigator.guarded(&now, (1.0, 0.0)) == told {
             kept += 1;
         }
     }
     assert!(kept > 0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8192))]
+    #[test]
+    fn after_a_command_a_stop_is_as_safe_as_to_go_on(
+        place in (0.2f64..1.2, -0.8f64..0.8), moves in (0.2f64..1.5, -3.0f64..3.0), wanted in (0.2f64..1.5, -4.0f64..4.0),
+    ) {
+        let limits = Shape { braking_mps2: 2.0, acceleration_mps2: 2.0, ..shape(0.0) };
+        let (navigator, now) = moving(place, limits, moves, moves);
+        // Where no stop was safe before, no rule makes it so.
+        let was_safe = navigator.around.stays_clear(&limits, moves, (0.0, 0.0), 0.0);
+        let told = navigator.guarded(&now, wanted);
+        prop_assert!(!was_safe || told == (0.0, 0.0) || navigator.around.stays_clear(&limits, moves, told, now.step_s), "{told:?}");
+    }
 }
