@@ -63,13 +63,15 @@ def main(arguments: list[str]) -> int:
 def run_benchmark(benchmark: harness.Benchmark, rounds: int) -> dict[str, Any]:
     """Measure ours and the peer in turns and return the record of the run file."""
     samples: dict[str, list[dict[str, Any]]] = {"ours": [], "peer": []}
+    # No job needs them, and threads that spin while they wait for one would count as work.
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     errors: list[str] = []
     for turn in range(rounds):
         # Turns swap, so that neither always runs on the machine that the other has warmed or tired.
         for side in ("ours", "peer") if turn % 2 == 0 else ("peer", "ours"):
             print(f"{benchmark.name} {turn + 1}/{rounds} {benchmark.contender(side).name}", flush=True)
             command = [sys.executable, str(harness.FOLDER / "run.py"), "--sample", benchmark.name, side]
-            child = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+            child = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=environment)
             if child.returncode != 0:
                 errors.append(f"{benchmark.contender(side).name} ended with status {child.returncode}")
                 break

@@ -199,6 +199,21 @@ def probing() -> Stage:
     return stage(firm, watch=Stopwatch())
 
 
+def limit_s(made: Stage, **changes: object) -> float:
+    asked = {f"probing.{key}": value for key, value in changes.items()}
+    return replace(made, scenario=made.scenario.with_changes({"drive.time_limit_s": None, **asked})).time_limit_s
+
+
+def test_the_time_that_a_drive_may_take_grows_with_the_readings_that_it_may_stop_for(probing: Stage) -> None:
+    without_s = limit_s(probing, policy="never")
+    stops_s = [limit_s(probing, policy="every", every_m=spacing_m) - without_s for spacing_m in (50.0, 25.0, 10.0)]
+    length_m = probing.route.length_m
+    assert stops_s == pytest.approx([30 * length_m / 50, 30 * length_m / 25, 30 * length_m / 10])
+    assert limit_s(probing, policy="where-it-matters") == pytest.approx(without_s + stops_s[-1])
+    asked = probing.scenario.with_changes({"drive.time_limit_s": 77.0})
+    assert replace(probing, scenario=asked).time_limit_s == 77.0
+
+
 def probe_with(made: Stage, fault: Fault) -> tuple[Episode, Navigator]:
     """Begin a staged drive once more, with a fault."""
     assert made.world is not None

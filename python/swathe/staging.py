@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swathe import sim
-from swathe.belief import BeliefParams, ClassReading, PenetrometerReading, load_soil_types
+from swathe.belief import BeliefParams, ClassReading, PenetrometerReading, SoilType, load_soil_types
 from swathe.drive import DriveParams, Navigator, Region
 from swathe.episode import Episode, EpisodeParams
 from swathe.io.readings import read_readings
@@ -26,11 +26,12 @@ from swathe.truth import Route, true_world
 from swathe.vehicle import load_vehicle, vehicle_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from swathe.grid import Position
     from swathe.preparation import Stopwatch
     from swathe.scenario import Scenario
+    from swathe.soil import SoilClass
     from swathe.store.source import SoilLearning
     from swathe.vehicle import Vehicle
 
@@ -75,6 +76,7 @@ class Stage:
         vehicle_toml: the vehicle's file, empty for a bundled one.
         learning: the soil of a store's ground before anything was learnt there, and all that was read since.
         readings: hand readings that are known before the drive begins.
+        soil_types: what readings are matched with.
     """
 
     scenario: Scenario
@@ -87,6 +89,7 @@ class Stage:
     route: Route
     learning: SoilLearning | None = None
     readings: tuple[PenetrometerReading | ClassReading, ...] = ()
+    soil_types: Mapping[SoilClass, SoilType] = field(default_factory=load_soil_types)
 
     @property
     def inputs(self) -> dict[str, str]:
@@ -172,7 +175,7 @@ class Stage:
             return None
         region, grids = self.found.shown.region, self.scenario.drive.grids
         drive = self.scenario.drive
-        belief = BeliefParams(rule=drive.soil_rule, types=load_soil_types(drive.soil_types))
+        belief = BeliefParams(rule=drive.soil_rule, types=self.soil_types)
         if self.learning is None:
             return Region.of(region, belief=belief, grids=grids)
         learning = self.learning
@@ -204,7 +207,7 @@ def stage(
     ends = (scenario.drive.start or (0.0, 0.0), scenario.drive.goal or (0.0, 0.0))
     with watch.step("open"):
         source = open_source(terrain)
-    load_soil_types(scenario.drive.soil_types)
+    soil_types = load_soil_types(scenario.drive.soil_types)
     learning: SoilLearning | None = None
     readings: tuple[PenetrometerReading | ClassReading, ...] = ()
     with source:
@@ -236,7 +239,7 @@ def stage(
         world = true_world(scenario, ground.geometry, ground.elevation_m, soil, route)
     goal = found.answer.goal[0] if found.answer.goal is not None else found.ends[1]
     stands = Pose(first[0], first[1], heading_rad)
-    return Stage(scenario, vehicle, toml, found, world, stands, goal, route, learning, readings)
+    return Stage(scenario, vehicle, toml, found, world, stands, goal, route, learning, readings, soil_types)
 
 
 def _vehicle(name: str, toml: str | None) -> tuple[Vehicle, str]:
