@@ -99,7 +99,7 @@ fn slopes_beyond_its_limits_are_driven_around(#[case] vehicle: Vehicle, #[case] 
         side_slope: 0.2,
         ..vehicle
     };
-    let drives: Vec<_> = (0..4).map(|number| drive(&vehicle, number)).collect();
+    let drives: Vec<_> = (0..6).map(|number| drive(&vehicle, number)).collect();
     let reached = drives
         .iter()
         .filter(|(verdict, _)| *verdict == Verdict::Reached)

@@ -296,8 +296,8 @@ pub(super) fn was_seen(grid: &CertaintyGrid, x_m: f64, y_m: f64) -> bool {
     is_seen(row, column) || around() >= LEAST_SEEN
 }
 
-/// Whether a place was seen: by the present scan's nearest beams, or before, as the certainty grid remembers it. Within the
-/// footprint's reach at the start everything counts as seen: the robot came from there.
+/// Whether a place was seen: by the present scan's nearest beams, or before, as the certainty grid remembers it. Where the robot
+/// stood counts as seen.
 pub(super) struct Sight<'a> {
     pub grid: &'a CertaintyGrid,
     pub pose: &'a Pose,

@@ -32,6 +32,9 @@ impl Navigator {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
         self.grid.doubt_poses(self.odometry.doubt());
+        self.grid
+            .stand_on(pose, self.shape.half_length_m, self.shape.half_width_m);
+        self.remember();
         let Some(scan) = scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);

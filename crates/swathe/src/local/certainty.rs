@@ -449,6 +449,30 @@ impl CertaintyGrid {
         &self.reshaped
     }
 
+    /// Notes that the robot stands on the ground of a rectangle around a pose: it has not seen it, but nothing else is there. What
+    /// is known of the cells already stays: bodies may reach over what is low. [`Self::changed`] holds the others then.
+    pub fn stand_on(&mut self, pose: &Pose, half_length_m: f64, half_width_m: f64) {
+        self.changed.clear();
+        self.reshaped.clear();
+        let size = self.params.cell_size_m;
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        let half = (half_length_m.hypot(half_width_m) / size).ceil() as i64;
+        let (row, column) = self.lattice(pose.x_m, pose.y_m);
+        for cell in
+            (row - half..=row + half).flat_map(|row| (column - half..=column + half).map(move |column| (row, column)))
+        {
+            let Some(index) = self.index(cell) else { continue };
+            let (x_m, y_m) = self.centre_m(cell);
+            let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
+            let is_under = (cos * dx + sin * dy).abs() <= half_length_m && (cos * dy - sin * dx).abs() <= half_width_m;
+            if is_under && self.certainty[index] == UNSEEN {
+                self.evidence[index] = Evident::default();
+                self.certainty[index] = self.levels.certainty(0);
+                self.changed.push(cell);
+            }
+        }
+    }
+
     /// Sets a place to the greatest certainty, as when the robot has felt an obstacle.
     pub fn stamp(&mut self, x_m: f64, y_m: f64) {
         if let Some(index) = self.index(self.lattice(x_m, y_m)) {

@@ -1,8 +1,10 @@
 //! Whole drives.
 
 use super::world::{Drive, Setup, World, car, jackal, pioneer};
-use crate::drive::{DriveParams, Method, OutsideNests, Reason, Region, Status};
-use crate::grid::{GridGeometry, Layer};
+use crate::drive::safety::Sight;
+use crate::drive::{DriveParams, Method, Navigator, Observation, OutsideNests, Reason, Region, Status};
+use crate::grid::{GridGeometry, Layer, Position};
+use crate::sensor::{Mount, Pose};
 use crate::vehicle::Vehicle;
 use rstest::rstest;
 
@@ -126,6 +128,36 @@ fn every_method_gets_through(#[case] method: Method) {
     setup.params.method = method;
     let drive = setup.drive();
     assert!(drive.status == Status::Reached && !drive.collided, "{}", told(&drive));
+}
+
+#[test]
+fn a_vehicle_that_sees_nothing_behind_it_may_back_to_where_it_stood() {
+    let mut navigator = Navigator::new(&car(), Position::new(20.0, 0.0), None, DriveParams::default()).unwrap();
+    let ahead = Mount {
+        x_m: 1.5,
+        ..Mount::default()
+    };
+    for (time_s, x_m) in [(0.0, 0.0), (1.0, 2.0)] {
+        let pose = Pose::level(x_m, 0.0, 0.0);
+        let scan = World::default().scan(&pose, ahead, 181, std::f64::consts::PI, 8.0);
+        navigator.step(&Observation {
+            time_s,
+            pose,
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            scan: Some(&scan),
+            reading: None,
+        });
+        let sight = Sight {
+            grid: &navigator.grid,
+            pose: &pose,
+            scan: Some(&scan),
+        };
+        let free_m = navigator
+            .around
+            .free_m(&navigator.shape, 0.0, false, 5.0, |x_m, y_m| sight.has(x_m, y_m));
+        assert!((x_m - 0.2..=x_m).contains(&free_m), "{free_m} of {x_m} m");
+    }
 }
 
 #[test]

@@ -258,3 +258,24 @@ proptest! {
         prop_assert!(left.is_empty(), "{left:?}");
     }
 }
+
+#[test]
+fn where_the_robot_stands_nothing_else_does_unless_it_was_met_there() {
+    for evidence in [Evidence::default(), Evidence::himm()] {
+        let mut grid = grid(evidence, f64::INFINITY);
+        grid.stamp(0.05, 0.25);
+        let quarter_rad = PI / 2.0;
+        grid.stand_on(&Pose::level(0.05, 0.05, quarter_rad), 0.52, 0.22);
+        assert_eq!(grid.certainty_at(0.05, 0.45), Some(0));
+        assert_eq!(grid.certainty_at(0.05, -0.45), Some(0));
+        assert_eq!(grid.certainty_at(0.25, 0.05), Some(0));
+        assert_eq!(grid.certainty_at(0.35, 0.05), None);
+        assert_eq!(grid.certainty_at(0.05, 0.65), None);
+        assert!(grid.certainty_at(0.05, 0.25) > Some(10));
+        // All but the one that was known.
+        assert_eq!(grid.changed().len(), 11 * 5 - 1);
+        let known = grid.seen().count();
+        grid.stand_on(&Pose::level(0.05, 0.05, quarter_rad), 0.52, 0.22);
+        assert_eq!((grid.changed().len(), grid.seen().count()), (0, known));
+    }
+}
