@@ -21,6 +21,9 @@ const AGAIN_M: f64 = 0.15;
 /// Returns nearer to each other than this in metres are one.
 const APART_M: f64 = 0.02;
 
+/// Distance of the places that stand for a face between two returns.
+const BETWEEN_M: f64 = 0.05;
+
 /// A beam that goes on by so many metres has not met what was met there before.
 const BEYOND_M: f64 = 0.1;
 
@@ -36,14 +39,15 @@ pub(super) struct Glimpses {
 }
 
 impl Glimpses {
-    /// Notes where a scan met something, `told` by its beams, and what it shows of older returns within reach of the robot.
+    /// Notes where a scan met something, `told` by its beams, and what it shows of older returns within reach of the robot. Returns
+    /// of neighbouring beams near to the robot that are no farther apart than a gap are of one face.
     pub fn note(
         &mut self,
         time_s: f64,
         (pose, scan): (&Pose, &Scan),
         told: &[Return],
         grid: &CertaintyGrid,
-        reach_m: f64,
+        (reach_m, near_m, gap_m): (f64, f64, f64),
     ) {
         let sensor = pose.of_mount(&scan.mount);
         let from = Position::new(sensor.x_m, sensor.y_m);
@@ -66,22 +70,34 @@ impl Glimpses {
         };
         let at = Position::new(pose.x_m, pose.y_m);
         let counts = |place: Position| {
-            let is_sure = || {
-                grid.certainty_at(place.x_m, place.y_m)
-                    .is_some_and(|certainty| certainty >= SURE)
-            };
-            at.distance_m(place) <= reach_m && !is_sure() && !goes_beyond(place)
+            let is_known = || grid.is_met_at(place.x_m, place.y_m, SURE);
+            at.distance_m(place) <= reach_m && !is_known() && !goes_beyond(place)
         };
         self.kept
             .retain(|_, &mut (then, place)| (0.0..=KEPT_S).contains(&(time_s - then)) && counts(place));
-        let places = told.iter().enumerate().filter_map(|(beam, told)| {
+        let mut places = Vec::new();
+        let mut last: Option<Position> = None;
+        for (beam, told) in told.iter().enumerate() {
             let &Return::Obstacle { range_m } = told else {
-                return None;
+                last = None;
+                continue;
             };
             let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
-            Some(Position::new(from.x_m + cos * range_m, from.y_m + sin * range_m))
-        });
-        self.fresh.push_back((time_s, places.collect()));
+            let place = Position::new(from.x_m + cos * range_m, from.y_m + sin * range_m);
+            // Nobody has seen what lies between two neighbouring beams that graze a face: a corner of the body would find room.
+            if let Some(last) = last.filter(|last| (BETWEEN_M..=gap_m).contains(&last.distance_m(place)))
+                && at.distance_m(place) <= near_m
+            {
+                let pieces = (last.distance_m(place) / BETWEEN_M).ceil();
+                let between = (1..pieces as usize).map(|piece| last.towards(place, piece as f64 / pieces));
+                for place in between.filter(|&place| !grid.is_met_at(place.x_m, place.y_m, SURE)) {
+                    self.kept.insert(key_of(place), (time_s, place));
+                }
+            }
+            places.push(place);
+            last = Some(place);
+        }
+        self.fresh.push_back((time_s, places));
         let is_old = |then: f64| then < time_s - FRESH_S;
         while self.fresh.len() > FRESH_SCANS || self.fresh.front().is_some_and(|&(then, _)| is_old(then)) {
             let Some((then, places)) = self.fresh.pop_front() else {
@@ -93,8 +109,7 @@ impl Glimpses {
                 others.any(|other| other.distance_m(place) <= AGAIN_M)
             };
             for &place in places.iter().filter(|&&place| counts(place) && is_twice(place)) {
-                let key = [place.x_m, place.y_m].map(|along| (along / APART_M).floor() as i64);
-                self.kept.insert((key[0], key[1]), (then, place));
+                self.kept.insert(key_of(place), (then, place));
             }
             self.before = places;
         }
@@ -114,24 +129,34 @@ impl Glimpses {
     }
 }
 
+fn key_of(place: Position) -> (i64, i64) {
+    let along = |metres: f64| (metres / APART_M).floor() as i64;
+    (along(place.x_m), along(place.y_m))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::local::CertaintyParams;
     use crate::sensor::Mount;
 
-    /// Three beams half a right angle apart, from the origin; only the middle one meets something.
-    fn look(glimpses: &mut Glimpses, time_s: f64, heading_rad: f64, middle_m: f64, grid: &CertaintyGrid) {
-        let scan = Scan {
+    /// Three beams half a right angle apart, of which only the middle one meets something.
+    fn fan(middle_m: f64) -> Scan {
+        Scan {
             ranges_m: vec![20.0, middle_m, 20.0],
             angle_min_rad: -std::f64::consts::FRAC_PI_4,
             angle_increment_rad: std::f64::consts::FRAC_PI_4,
             range_min_m: 0.1,
             range_max_m: 20.0,
             mount: Mount::default(),
-        };
+        }
+    }
+
+    /// A look from the origin.
+    fn look(glimpses: &mut Glimpses, time_s: f64, heading_rad: f64, middle_m: f64, grid: &CertaintyGrid) {
+        let (pose, scan) = (Pose::level(0.0, 0.0, heading_rad), fan(middle_m));
         let told: Vec<Return> = (0..3).map(|beam| scan.beam(beam)).collect();
-        glimpses.note(time_s, (&Pose::level(0.0, 0.0, heading_rad), &scan), &told, grid, 8.0);
+        glimpses.note(time_s, (&pose, &scan), &told, grid, (8.0, 4.0, 0.5));
     }
 
     fn nothing() -> CertaintyGrid {
@@ -170,7 +195,10 @@ mod tests {
             look(&mut glimpses, 0.02, 0.0, x_m, &grid);
             look(&mut glimpses, 1.5, heading_rad, 20.0, &grid);
             if known {
-                grid.stamp(x_m, 0.0);
+                for _ in 0..4 {
+                    let scan = fan(x_m);
+                    grid.observe(&Pose::default(), &scan, |beam| scan.beam(beam));
+                }
             }
             look(&mut glimpses, time_s, heading_rad, 20.0, &grid);
             assert_eq!(glimpses.places().count(), expected, "{time_s} {x_m} {known}");
@@ -187,6 +215,31 @@ mod tests {
         assert_eq!(glimpses.places().count(), 3);
         look(&mut glimpses, 5.0, BACK_RAD, 20.0, &grid);
         assert_eq!(glimpses.places().count(), 0);
+    }
+
+    #[test]
+    fn between_neighbouring_returns_near_by_there_is_a_face() {
+        for (ranges_m, expected) in [([2.0, 2.4], 8), ([2.0, 2.6], 0), ([5.0, 5.4], 0), ([2.0, 20.0], 0)] {
+            let (mut glimpses, grid) = (Glimpses::default(), nothing());
+            let scan = Scan {
+                ranges_m: ranges_m.to_vec(),
+                angle_min_rad: 0.0,
+                angle_increment_rad: 0.02,
+                range_min_m: 0.1,
+                range_max_m: 20.0,
+                mount: Mount::default(),
+            };
+            let told: Vec<Return> = (0..2).map(|beam| scan.beam(beam)).collect();
+            let met = told
+                .iter()
+                .filter(|told| matches!(told, Return::Obstacle { .. }))
+                .count();
+            glimpses.note(0.0, (&Pose::default(), &scan), &told, &grid, (8.0, 4.0, 0.5));
+            assert_eq!(glimpses.places().count(), met + expected, "{ranges_m:?}");
+            // They stay when the robot has turned away.
+            look(&mut glimpses, 5.0, BACK_RAD, 20.0, &grid);
+            assert_eq!(glimpses.places().count(), expected, "{ranges_m:?}");
+        }
     }
 
     #[test]

@@ -85,7 +85,7 @@ impl Surroundings {
         let (sin, cos) = pose.heading_rad.sin_cos();
         for Position { x_m, y_m } in places {
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
-            if dx.hypot(dy) > reach_m || grid.certainty_at(x_m, y_m).is_some_and(|certainty| certainty >= sure) {
+            if dx.hypot(dy) > reach_m || grid.is_met_at(x_m, y_m, sure) {
                 continue;
             }
             self.push(shape, (cos * dx + sin * dy, cos * dy - sin * dx));
@@ -241,7 +241,9 @@ impl Surroundings {
                 }
             }
             let edge = side * shape.half_length_m;
-            let sides = [-shape.half_width_m, 0.0, shape.half_width_m];
+            // No sensor looks back any more: what stands beside must not hide in the last cell.
+            let half_m = shape.half_width_m + if forward { 0.0 } else { self.cell_size_m };
+            let sides = [-half_m, 0.0, half_m];
             if !sides
                 .iter()
                 .all(|&left| seen(x + cos * edge - sin * left, y + sin * edge + cos * left))

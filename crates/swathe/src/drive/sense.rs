@@ -32,8 +32,11 @@ impl Navigator {
         self.grid.move_to(pose.x_m, pose.y_m);
         self.grid.fade(step_s);
         self.grid.doubt_poses(self.odometry.doubt());
-        self.grid
-            .stand_on(pose, self.shape.half_length_m, self.shape.half_width_m);
+        // Nobody sets a vehicle down nearer to things than a cell.
+        let is_first = self.scan_time_s.is_none();
+        let beside_m = if is_first { self.grid.params().cell_size_m } else { 0.0 };
+        let half_width_m = self.shape.half_width_m + beside_m;
+        self.grid.stand_on(pose, self.shape.half_length_m, half_width_m);
         self.remember();
         let Some(scan) = scan else { return };
         if let Err(reason) = self.check_scan(scan, pose) {
@@ -46,8 +49,10 @@ impl Navigator {
         self.take_in(pose, scan);
         // A single return makes the robot brake, whatever the certainty grid says yet.
         let reach_m = self.around_m();
+        let near_m = reach_m.min(2.0 * self.shape.radius_m + 1.0);
+        let room = (reach_m, near_m, self.shape.half_width_m);
         self.glimpses
-            .note(time_s, (pose, scan), &self.tracks.beams, &self.grid, reach_m);
+            .note(time_s, (pose, scan), &self.tracks.beams, &self.grid, room);
         self.tracks.observe(time_s, pose, scan);
     }
 

@@ -1,9 +1,10 @@
 //! Whether the sensors could have seen in time what the body ran into.
 //!
 //! The place of contact was seen in time when, along the true way of the sensor, a beam of its fan would have met it at three
-//! scans at least, and the body then still had its stopping distance to go. With what moves, stopping must also have helped:
-//! at some moment since then the body could have braked to rest where it would not have been run into. Nobody who stands can
-//! help that, and nobody who is overtaken.
+//! scans at least, and the body then still had its stopping distance to go. With what moves, the three scans must have shown it
+//! since it last turned, for where it goes then no scan before could tell; and stopping must have helped: at some moment since
+//! then the body could have braked to rest where it would not have been run into. Nobody who stands can help that, and nobody
+//! who is overtaken.
 
 use std::collections::VecDeque;
 
@@ -112,7 +113,12 @@ impl Trail {
         let params = robot.params();
         let laser = params.has_laser.then_some(&params.laser);
         let mover = mover.map(|number| &world.movers()[number]);
+        let now_s = robot.state().time_s;
+        let straight_since_s = mover.map_or(f64::NEG_INFINITY, |mover| mover.straight_since_s(now_s));
         let seen = self.states.iter().enumerate().filter(|(_, state)| {
+            if state.time_s < straight_since_s {
+                return false;
+            }
             let target = mover.map_or(place, |mover| mover.at(state.time_s));
             let radius_m = mover.map_or(0.0, |mover| mover.radius_m);
             let mut sensors = laser.into_iter().chain(&params.sonar);
@@ -279,6 +285,18 @@ mod tests {
     #[test]
     fn who_crosses_the_way_could_be_let_pass() {
         let crossing = hit(Vec::new(), walker(0.5, &[(4.0, -2.6), (4.0, 8.0)]), 0.7);
+        assert!(crossing.moves && crossing.seen_in_time);
+    }
+
+    #[test]
+    fn who_turns_out_of_sight_could_not_be_foreseen() {
+        // He passes on the left, turns behind the body and walks into its flank; had it stood still, he would have passed before it.
+        let path = [(4.0, 2.0), (-1.0, 2.0), (5.0, -1.0)];
+        let turned = hit(Vec::new(), walker(2.1, &path), 0.5);
+        assert!(turned.moves && !turned.seen_in_time);
+        // The same in its sight.
+        let path = [(4.0, 4.0), (3.5, 3.0), (1.9, 0.0), (0.0, -3.0)];
+        let crossing = hit(Vec::new(), walker(1.0, &path), 0.5);
         assert!(crossing.moves && crossing.seen_in_time);
     }
 

@@ -435,6 +435,15 @@ impl CertaintyGrid {
         self.index(cell).map_or(0, |index| self.evidence[index].hits)
     }
 
+    /// Whether something was met at a place, to the part of its cell, and often enough for a certainty.
+    pub(crate) fn is_met_at(&self, x_m: f64, y_m: f64, sure: u8) -> bool {
+        let size = self.params.cell_size_m;
+        let part = |along: f64| (256.0 * (along / size).rem_euclid(1.0)) as u8;
+        let cell = self.lattice(x_m, y_m);
+        let is_sure = || self.certainty_of(cell).is_some_and(|certainty| certainty >= sure);
+        is_sure() && self.parts_met(cell) & bit_of([part(x_m), part(-y_m)]) != 0
+    }
+
     /// The middles of such parts, in metres east and north.
     pub(crate) fn places_of(&self, cell: (i64, i64), parts: u64) -> impl Iterator<Item = (f64, f64)> + use<> {
         let size = self.params.cell_size_m;

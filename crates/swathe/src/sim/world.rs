@@ -40,6 +40,26 @@ impl Mover {
         self.path[self.path.len() - 1]
     }
 
+    /// Since when it has walked straight on at a time: negative infinity where it never turns.
+    pub fn straight_since_s(&self, time_s: f64) -> f64 {
+        let mut corners_m = vec![0.0];
+        for pair in self.path.windows(2) {
+            corners_m.push(corners_m[corners_m.len() - 1] + pair[0].distance_m(pair[1]));
+        }
+        let length_m = corners_m[corners_m.len() - 1];
+        if length_m == 0.0 || self.speed_mps <= 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        let there_and_back_m = (self.start_m + self.speed_mps * time_s).rem_euclid(2.0 * length_m);
+        let back_m = corners_m.iter().map(|corner_m| 2.0 * length_m - corner_m);
+        let passed_m = corners_m
+            .iter()
+            .copied()
+            .chain(back_m)
+            .filter(|&corner_m| corner_m <= there_and_back_m);
+        time_s - (there_and_back_m - passed_m.fold(0.0, f64::max)) / self.speed_mps
+    }
+
     fn validate(&self) -> Result<(), SimError> {
         require(
             "number of points of a path",
@@ -426,11 +446,16 @@ pub(super) mod tests {
         assert_eq!(mover.at(2.0), at(3.0, 2.0));
         assert_eq!(mover.at(4.0), at(3.0, 2.0));
         assert_eq!(mover.at(7.0), at(1.0, 0.0));
+        // At a start, a corner and both ends.
+        for (time_s, since_s) in [(0.0, -0.5), (2.0, 1.0), (4.0, 3.0), (6.75, 6.5)] {
+            assert_eq!(mover.straight_since_s(time_s), since_s, "{time_s}");
+        }
         let still = Mover {
             path: vec![at(5.0, 5.0)],
             ..mover
         };
         assert_eq!(still.at(100.0), at(5.0, 5.0));
+        assert_eq!(still.straight_since_s(100.0), f64::NEG_INFINITY);
     }
 
     #[test]

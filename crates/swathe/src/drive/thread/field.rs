@@ -506,11 +506,12 @@ impl Field {
         true
     }
 
-    /// Whether what is behind at a pose was seen, as far as its corners.
+    /// Whether what is behind at a pose was seen, as far as a cell beside its corners.
     pub fn sees_behind(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
         let (sin, cos) = heading_rad.sin_cos();
         let back_m = self.half_length_m;
-        [-self.half_width_m, 0.0, self.half_width_m].into_iter().all(|left_m| {
+        let half_m = self.half_width_m + self.size_m;
+        [-half_m, 0.0, half_m].into_iter().all(|left_m| {
             self.at(x_m - back_m * cos - left_m * sin, y_m - back_m * sin + left_m * cos)
                 .is_some_and(|index| self.known[index])
         })
