@@ -4,10 +4,12 @@
 //! a few scans (Hornung et al., `OctoMap`, 2013). Histogramic in-motion mapping after Borenstein and Koren, 1991: a hit
 //! adds 3, a cell that a beam crossed loses 1, between 0 and 15.
 
+mod levels;
 mod ray;
 
 use crate::sensor::{Pose, Return, Scan};
 
+use levels::Levels;
 use ray::Ray;
 
 /// Greatest certainty that an obstacle stands in a cell, the scale of the vector field histogram.
@@ -15,9 +17,6 @@ pub const CERTAINTY_MAX: u8 = 15;
 
 /// Certainty of a cell that no beam has reached, beyond every other.
 const UNSEEN: u8 = u8::MAX;
-
-/// Log-odds are counted in this many steps per natural unit.
-const STEPS: f64 = 256.0;
 
 /// How evidence is counted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,51 +126,6 @@ struct Evident {
     range_cm: u16,
     /// The parts of the cell, eight by eight, in which something was met.
     hits: u64,
-}
-
-/// Steps of evidence and what they mean.
-#[derive(Clone, Debug)]
-struct Levels {
-    hit: i16,
-    miss: i16,
-    low: i16,
-    high: i16,
-    /// Certainty of every step from low to high.
-    certainty: Vec<u8>,
-}
-
-impl Levels {
-    fn of(evidence: Evidence) -> Self {
-        let (hit, miss, low, high) = match evidence {
-            Evidence::Himm { hit, miss } => (hit, miss, 0, i16::from(CERTAINTY_MAX)),
-            Evidence::LogOdds { hit, miss, clamp } => {
-                let steps = |p: f64| {
-                    let p = p.clamp(1e-6, 1.0 - 1e-6);
-                    (STEPS * (p / (1.0 - p)).ln()).round() as i16
-                };
-                (steps(hit), -steps(miss), steps(clamp[0]), steps(clamp[1]))
-            }
-        };
-        let certainty = |level: i16| match evidence {
-            Evidence::Himm { .. } => level as u8,
-            // 15 max(0, 2p - 1), and 2p - 1 is tanh(l / 2).
-            Evidence::LogOdds { .. } => {
-                let excess = (f64::from(level) / STEPS / 2.0).tanh().max(0.0);
-                (f64::from(CERTAINTY_MAX) * excess).round() as u8
-            }
-        };
-        Self {
-            hit: hit.max(0),
-            miss: miss.max(0),
-            low: low.min(0),
-            high: high.max(0),
-            certainty: (low.min(0)..=high.max(0)).map(certainty).collect(),
-        }
-    }
-
-    fn certainty(&self, level: i16) -> u8 {
-        self.certainty[(level - self.low) as usize]
-    }
 }
 
 /// The part of a cell for a place in parts of 256, right and down.
