@@ -4,6 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use thiserror::Error;
 
+use crate::grid::Position;
+
 /// Where a robot is and how it is turned, in a metric frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
@@ -120,6 +122,16 @@ pub enum Return {
     Invalid,
 }
 
+impl Return {
+    /// How far the beam went, in metres from the sensor; `None` where nothing can be said.
+    pub fn range_m(self) -> Option<f64> {
+        match self {
+            Self::Obstacle { range_m } | Self::Ground { range_m } | Self::Clear { range_m } => Some(range_m),
+            Self::Invalid => None,
+        }
+    }
+}
+
 /// Why a scan cannot be used at all. Single bad beams are [`Return::Invalid`] instead.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ScanError {
@@ -190,6 +202,12 @@ impl Scan {
             .map(|bearing| bearing / step)
             .into_iter()
             .find(|beam| (-0.5..self.ranges_m.len() as f64 - 0.5).contains(beam))
+    }
+
+    /// Where a beam ends that goes so far from the sensor's pose.
+    pub(crate) fn end_of(&self, beam: usize, range_m: f64, sensor: &Pose) -> Position {
+        let (sin, cos) = (sensor.heading_rad + self.beam_rad(beam)).sin_cos();
+        Position::new(sensor.x_m + range_m * cos, sensor.y_m + range_m * sin)
     }
 
     /// What a beam tells by its range alone.

@@ -7,7 +7,6 @@
 mod attitude;
 mod event;
 mod follow;
-mod glimpses;
 mod knowledge;
 mod learning;
 mod memory;
@@ -27,6 +26,7 @@ mod steer;
 mod tests;
 mod thread;
 mod tracks;
+mod unconfirmed;
 mod wall;
 mod watch;
 

@@ -8,7 +8,6 @@ use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
 use super::follow::Thread;
-use super::glimpses::Glimpses;
 use super::memory::Memory;
 use super::motion::{Now, ROLLS_MPS};
 use super::movers::GivingWay;
@@ -22,6 +21,7 @@ use super::sense::{MEMORY_CELLS, SURE};
 use super::steer::Local;
 use super::thread::Met;
 use super::tracks::Tracks;
+use super::unconfirmed::Unconfirmed;
 use super::wall::Walk;
 use super::watch::Watch;
 
@@ -74,7 +74,7 @@ pub struct Navigator {
     pub(super) odometry: Odometry,
     pub(super) tracks: Tracks,
     pub(super) giving_way: GivingWay,
-    pub(super) glimpses: Glimpses,
+    pub(super) unconfirmed: Unconfirmed,
     pub(super) attempts: u32,
     pub(super) all_attempts: u32,
     pub(super) trap_at: Option<Position>,
@@ -156,7 +156,7 @@ impl Navigator {
             odometry: Odometry::default(),
             tracks: Tracks::default(),
             giving_way: GivingWay::default(),
-            glimpses: Glimpses::default(),
+            unconfirmed: Unconfirmed::default(),
             attempts: 0,
             all_attempts: 0,
             trap_at: None,
@@ -348,14 +348,9 @@ impl Navigator {
         }
     }
 
-    /// How far around the robot every obstacle counts.
-    pub(super) fn around_m(&self) -> f64 {
-        self.shape.stopping_m(self.shape.max_speed_mps) + 1.0
-    }
-
     /// Gathers what stands around a pose: from the certainty grid, and what was met too seldom for it.
     fn gather(&mut self, pose: &Pose, speed_mps: f64) {
-        let reach_m = self.around_m();
+        let reach_m = self.shape.reach_m();
         let stopping_m = self.shape.stopping_m(speed_mps.abs().min(self.shape.max_speed_mps));
         self.around.gather(
             (&self.grid, SURE),
@@ -364,8 +359,13 @@ impl Navigator {
             (reach_m, stopping_m),
             (self.margin_m(speed_mps), self.least_m()),
         );
-        self.around
-            .add(self.glimpses.places(), (&self.grid, SURE), pose, &self.shape, reach_m);
+        self.around.add(
+            self.unconfirmed.places(),
+            (&self.grid, SURE),
+            pose,
+            &self.shape,
+            reach_m,
+        );
     }
 
     /// Seconds since the last step, or why they cannot be told.
@@ -390,7 +390,7 @@ impl Navigator {
             self.met.clear();
             self.odometry = Odometry::default();
             self.tracks.clear();
-            self.glimpses.clear();
+            self.unconfirmed.clear();
             self.window = None;
             self.scan_time_s = None;
             self.start_over();

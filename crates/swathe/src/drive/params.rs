@@ -240,6 +240,11 @@ impl Shape {
         speed_mps * self.reaction_s + speed_mps * speed_mps / (2.0 * self.braking_mps2)
     }
 
+    /// How far around the robot every obstacle counts, in metres.
+    pub fn reach_m(&self) -> f64 {
+        self.stopping_m(self.max_speed_mps) + 1.0
+    }
+
     /// Greatest speed from which it stops within a distance, with a braking that the slope may lessen.
     pub fn speed_for(&self, free_m: f64, braking_mps2: f64, delay_s: f64) -> f64 {
         let at = braking_mps2 * (self.reaction_s + delay_s);

@@ -2,7 +2,7 @@
 
 use crate::grid::Position;
 use crate::local::CertaintyGrid;
-use crate::sensor::{Pose, Return, Scan};
+use crate::sensor::{Pose, Scan};
 
 use super::params::Shape;
 
@@ -241,7 +241,7 @@ impl Surroundings {
                 }
             }
             let edge = side * shape.half_length_m;
-            // No sensor looks back any more: what stands beside must not hide in the last cell.
+            // Backwards a laser sees nothing: what stands just beside the way would lie in the same cell as ground that was seen.
             let half_m = shape.half_width_m + if forward { 0.0 } else { self.cell_size_m };
             let sides = [-half_m, 0.0, half_m];
             if !sides
@@ -331,12 +331,10 @@ impl Sight<'_> {
         (nearest - 1..=nearest + 1).any(|beam| {
             let inside = beam >= 0 && (beam as usize) < beams && (beam as f64 - place).abs() <= 1.01;
             inside
-                && match scan.beam(beam as usize) {
-                    Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m } => {
-                        range_m >= away_m
-                    }
-                    Return::Invalid => false,
-                }
+                && scan
+                    .beam(beam as usize)
+                    .range_m()
+                    .is_some_and(|range_m| range_m >= away_m)
         })
     }
 }
@@ -396,6 +394,20 @@ mod tests {
     fn ground_that_was_not_seen_is_not_entered() {
         let free = around(&[]).free_m(&shape(), 0.0, true, 5.0, |x, _| x < 2.0);
         assert!(free > 1.3 && free < 1.55, "{free}");
+    }
+
+    #[test]
+    fn backwards_ground_beside_the_body_must_have_been_seen_too() {
+        // The body is 0.6 m wide, a cell 0.1 m.
+        for (seen_m, forward, expected_m) in [
+            (0.35, true, 2.0),
+            (0.35, false, 0.0),
+            (0.45, false, 2.0),
+            (0.25, true, 0.0),
+        ] {
+            let free = around(&[]).free_m(&shape(), 0.0, forward, 2.0, |_, y| y.abs() < seen_m);
+            assert_eq!(free, expected_m, "{seen_m} {forward}");
+        }
     }
 
     #[test]

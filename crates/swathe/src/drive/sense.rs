@@ -48,11 +48,8 @@ impl Navigator {
         self.scan_time_s = Some(time_s);
         self.take_in(pose, scan);
         // A single return makes the robot brake, whatever the certainty grid says yet.
-        let reach_m = self.around_m();
-        let near_m = reach_m.min(2.0 * self.shape.radius_m + 1.0);
-        let room = (reach_m, near_m, self.shape.half_width_m);
-        self.glimpses
-            .note(time_s, (pose, scan), &self.tracks.beams, &self.grid, room);
+        self.unconfirmed
+            .observe(time_s, (pose, scan), &self.tracks.beams, &self.grid, &self.shape);
         self.tracks.observe(time_s, pose, scan);
     }
 
@@ -83,9 +80,7 @@ impl Navigator {
             .as_ref()
             .and_then(|region| region.attitude(pose, scan, height_m, tolerance_m));
         let told = attitude.map_or_else(|| scan.beam(beam), |attitude| attitude.explain(scan, beam));
-        let (Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m }) = told else {
-            return;
-        };
+        let Some(range_m) = told.range_m() else { return };
         let rays = Scan {
             ranges_m: vec![range_m; 2 * sides + 1],
             angle_min_rad: scan.beam_rad(beam) - cone_rad / 2.0,

@@ -7,6 +7,7 @@
 mod levels;
 mod ray;
 
+use crate::grid::Position;
 use crate::sensor::{Pose, Return, Scan};
 
 use levels::Levels;
@@ -128,7 +129,12 @@ struct Evident {
     hits: u64,
 }
 
-/// The part of a cell for a place in parts of 256, right and down.
+/// Where in its cell a place lies, in parts of 256 of the cell, right and down.
+fn part_of((x_m, y_m): (f64, f64), cell_size_m: f64) -> [u8; 2] {
+    [x_m, -y_m].map(|along_m| (256.0 * (along_m / cell_size_m).rem_euclid(1.0)) as u8)
+}
+
+/// The one of the eight by eight parts of a cell, as a bit, for a place in parts of 256, right and down.
 fn bit_of([right, down]: [u8; 2]) -> u64 {
     1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
 }
@@ -256,14 +262,11 @@ impl CertaintyGrid {
         let mut ends = std::mem::take(&mut self.ends);
         ends.clear();
         for beam in 0..scan.ranges_m.len() {
-            let (range_m, is_hit) = match classify(beam) {
-                Return::Invalid => continue,
-                Return::Obstacle { range_m } => (range_m, range_m <= reach_m),
-                Return::Ground { range_m } | Return::Clear { range_m } => (range_m, false),
-            };
-            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
+            let told = classify(beam);
+            let Some(range_m) = told.range_m() else { continue };
+            let is_hit = matches!(told, Return::Obstacle { .. }) && range_m <= reach_m;
             let range_m = range_m.min(reach_m);
-            let (x_m, y_m) = (sensor.x_m + range_m * cos, sensor.y_m + range_m * sin);
+            let Position { x_m, y_m } = scan.end_of(beam, range_m, &sensor);
             ends.push((x_m, y_m));
             let cell = self.lattice(x_m, y_m);
             if is_hit && let Some(index) = self.index(cell) {
@@ -274,8 +277,7 @@ impl CertaintyGrid {
                 self.count(index, cell, self.levels.hit);
                 let evident = &mut self.evidence[index];
                 let range_cm = (100.0 * range_m) as u16;
-                let part = |along: f64| (256.0 * (along / self.params.cell_size_m).rem_euclid(1.0)) as u8;
-                let part = [part(x_m), part(-y_m)];
+                let part = part_of((x_m, y_m), self.params.cell_size_m);
                 if is_first || range_cm < evident.range_cm {
                     evident.part = part;
                     evident.range_cm = range_cm;
@@ -391,11 +393,9 @@ impl CertaintyGrid {
 
     /// Whether something was met at a place, to the part of its cell, and often enough for a certainty.
     pub(crate) fn is_met_at(&self, x_m: f64, y_m: f64, sure: u8) -> bool {
-        let size = self.params.cell_size_m;
-        let part = |along: f64| (256.0 * (along / size).rem_euclid(1.0)) as u8;
         let cell = self.lattice(x_m, y_m);
         let is_sure = || self.certainty_of(cell).is_some_and(|certainty| certainty >= sure);
-        is_sure() && self.parts_met(cell) & bit_of([part(x_m), part(-y_m)]) != 0
+        is_sure() && self.parts_met(cell) & bit_of(part_of((x_m, y_m), self.params.cell_size_m)) != 0
     }
 
     /// The middles of such parts, in metres east and north.
@@ -424,11 +424,11 @@ impl CertaintyGrid {
         for cell in
             (row - half..=row + half).flat_map(|row| (column - half..=column + half).map(move |column| (row, column)))
         {
-            let Some(index) = self.index(cell) else { continue };
+            let unseen = self.index(cell).filter(|&index| self.certainty[index] == UNSEEN);
+            let Some(index) = unseen else { continue };
             let (x_m, y_m) = self.centre_m(cell);
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
-            let is_under = (cos * dx + sin * dy).abs() <= half_length_m && (cos * dy - sin * dx).abs() <= half_width_m;
-            if is_under && self.certainty[index] == UNSEEN {
+            if (cos * dx + sin * dy).abs() <= half_length_m && (cos * dy - sin * dx).abs() <= half_width_m {
                 self.evidence[index] = Evident::default();
                 self.certainty[index] = self.levels.certainty(0);
                 self.changed.push(cell);
@@ -507,7 +507,7 @@ impl CertaintyGrid {
             })
     }
 
-    /// The cells that the last scan first saw or whose certainty it changed, as row (down from y = 0) and column (right
+    /// The cells that the last scan, or the last [`Self::stand_on`], first saw or whose certainty it changed, as row (down from y = 0) and column (right
     /// from x = 0) of the lattice of cells, hits first.
     pub fn changed(&self) -> &[(i64, i64)] {
         &self.changed

@@ -6,7 +6,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::sensor::{Return, Scan, wrap};
+use crate::sensor::{Scan, wrap};
 
 use super::polar::{Cells, direction_of, openings};
 use super::{GOODNESS_MAX, Goodness};
@@ -358,10 +358,8 @@ fn half_degrees(scan: &Scan) -> [f64; 361] {
         let beam = (wrap(wanted - scan.angle_min_rad) / scan.angle_increment_rad).round();
         let last = scan.ranges_m.len() as f64 - 1.0;
         let covered = (-0.5..=last + 0.5).contains(&beam);
-        let range_m = match scan.beam(beam.clamp(0.0, last) as usize) {
-            Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m } if covered => range_m,
-            _ => 0.0,
-        };
+        let told = scan.beam(beam.clamp(0.0, last) as usize);
+        let range_m = told.range_m().filter(|_| covered).unwrap_or(0.0);
         ranges_m[2 * degree] = range_m;
         if degree < 180 {
             ranges_m[2 * degree + 1] = range_m;

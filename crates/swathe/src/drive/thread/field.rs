@@ -525,6 +525,48 @@ mod tests {
     use crate::local::CertaintyParams;
     use proptest::prelude::*;
 
+    fn shape((half_length_m, half_width_m): (f64, f64), turn_radius_m: f64) -> Shape {
+        Shape {
+            half_length_m,
+            half_width_m,
+            radius_m: half_length_m.hypot(half_width_m),
+            max_speed_mps: 2.0,
+            max_turn_rate_radps: 1.0,
+            turn_radius_m,
+            reaction_s: 0.2,
+            braking_friction: 0.6,
+            braking_mps2: 1.0,
+            acceleration_mps2: 1.0,
+        }
+    }
+
+    #[test]
+    fn behind_is_seen_only_where_a_cell_beside_the_body_is_too() {
+        let mut memory = Memory::new(0.2, 100);
+        for cell in (-20..20).flat_map(|row| (-20..20).map(move |column| (row, column))) {
+            memory.set(cell, Seen::Free);
+        }
+        // The body is 0.6 m wide, a cell 0.1 m.
+        for (half_seen_m, expected) in [(0.42, false), (0.52, true)] {
+            let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
+            grid.stand_on(&Pose::default(), 1.5, half_seen_m);
+            let (start, goal) = (Pose::default(), Position::new(1.0, 0.0));
+            let frame = Frame::of(&Pose::default());
+            let room = (MARGIN_M, 30);
+            let field = Field::new(
+                (&Met::new(), &memory, &grid),
+                &shape((0.5, 0.3), 0.0),
+                &start,
+                (goal, 0.3),
+                room,
+                frame,
+            );
+            assert_eq!(field.sees_behind((-0.5, 0.0, 0.0)), expected, "{half_seen_m}");
+            // No ground behind was seen there at all.
+            assert!(!field.sees_behind((-1.4, 0.0, 0.0)));
+        }
+    }
+
     proptest! {
         #[test]
         fn discs_tell_what_the_points_do(
@@ -532,18 +574,7 @@ mod tests {
             poses in prop::collection::vec((-2.5..2.5_f64, -2.5..2.5_f64, -3.1..3.1_f64), 40),
             (half_length_m, half_width_m) in (0.2..1.2_f64, 0.2..0.6_f64), turn_radius_m in prop::sample::select(vec![0.0, 2.0]),
         ) {
-            let shape = Shape {
-                half_length_m,
-                half_width_m,
-                radius_m: half_length_m.hypot(half_width_m),
-                max_speed_mps: 2.0,
-                max_turn_rate_radps: 1.0,
-                turn_radius_m,
-                reaction_s: 0.2,
-                braking_friction: 0.6,
-                braking_mps2: 1.0,
-                acceleration_mps2: 1.0,
-            };
+            let shape = shape((half_length_m, half_width_m), turn_radius_m);
             let grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
             let memory = Memory::new(0.2, 100);
             let mut met = Met::new();

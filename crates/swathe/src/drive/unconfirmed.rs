@@ -6,6 +6,7 @@ use crate::grid::Position;
 use crate::local::CertaintyGrid;
 use crate::sensor::{Pose, Return, Scan};
 
+use super::params::Shape;
 use super::sense::SURE;
 
 /// The last scans whose every return counts, and for how many seconds.
@@ -21,15 +22,16 @@ const AGAIN_M: f64 = 0.15;
 /// Returns nearer to each other than this in metres are one.
 const APART_M: f64 = 0.02;
 
-/// Distance of the places that stand for a face between two returns.
+/// Distance of the places that stand for a face between two returns, and how far beyond its own size the robot looks for faces.
 const BETWEEN_M: f64 = 0.05;
+const NEAR_M: f64 = 1.0;
 
 /// A beam that goes on by so many metres has not met what was met there before.
 const BEYOND_M: f64 = 0.1;
 
 /// Returns that may be of something that the certainty grid does not hold.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Glimpses {
+pub(super) struct Unconfirmed {
     /// Where each of the last scans met something, by its time.
     fresh: VecDeque<(f64, Vec<Position>)>,
     /// Where the last one older than those did.
@@ -38,17 +40,19 @@ pub(super) struct Glimpses {
     kept: BTreeMap<(i64, i64), (f64, Position)>,
 }
 
-impl Glimpses {
-    /// Notes where a scan met something, `told` by its beams, and what it shows of older returns within reach of the robot. Returns
-    /// of neighbouring beams near to the robot that are no farther apart than a gap are of one face.
-    pub fn note(
+impl Unconfirmed {
+    /// Takes in where a scan met something, `told` by its beams, and what it shows of older returns within reach of the robot.
+    /// Returns of neighbouring beams near to the robot that are no farther apart than half its width are of one face.
+    pub fn observe(
         &mut self,
         time_s: f64,
         (pose, scan): (&Pose, &Scan),
         told: &[Return],
         grid: &CertaintyGrid,
-        (reach_m, near_m, gap_m): (f64, f64, f64),
+        shape: &Shape,
     ) {
+        let reach_m = shape.reach_m();
+        let near_m = reach_m.min(2.0 * shape.radius_m + NEAR_M);
         let sensor = pose.of_mount(&scan.mount);
         let from = Position::new(sensor.x_m, sensor.y_m);
         let goes_beyond = |place: Position| {
@@ -57,14 +61,9 @@ impl Glimpses {
             // Both beams beside it: what is thin may stand between them.
             scan.beam_at(bearing_rad).is_some_and(|beam| {
                 [beam.floor(), beam.ceil()].into_iter().all(|beam| {
-                    let is_beam = beam >= 0.0 && (beam as usize) < told.len();
-                    is_beam
-                        && match told[beam as usize] {
-                            Return::Obstacle { range_m } | Return::Ground { range_m } | Return::Clear { range_m } => {
-                                range_m > away_m + BEYOND_M
-                            }
-                            Return::Invalid => false,
-                        }
+                    let told = (beam >= 0.0).then(|| told.get(beam as usize)).flatten();
+                    told.and_then(|told| told.range_m())
+                        .is_some_and(|range_m| range_m > away_m + BEYOND_M)
                 })
             })
         };
@@ -82,10 +81,9 @@ impl Glimpses {
                 last = None;
                 continue;
             };
-            let (sin, cos) = (sensor.heading_rad + scan.beam_rad(beam)).sin_cos();
-            let place = Position::new(from.x_m + cos * range_m, from.y_m + sin * range_m);
+            let place = scan.end_of(beam, range_m, &sensor);
             // Nobody has seen what lies between two neighbouring beams that graze a face: a corner of the body would find room.
-            if let Some(last) = last.filter(|last| (BETWEEN_M..=gap_m).contains(&last.distance_m(place)))
+            if let Some(last) = last.filter(|last| (BETWEEN_M..=shape.half_width_m).contains(&last.distance_m(place)))
                 && at.distance_m(place) <= near_m
             {
                 let pieces = (last.distance_m(place) / BETWEEN_M).ceil();
@@ -152,11 +150,27 @@ mod tests {
         }
     }
 
+    /// Reaches 8 m, looks for faces to 4 m, and is 1 m wide.
+    fn shape() -> Shape {
+        Shape {
+            half_length_m: 1.0,
+            half_width_m: 0.5,
+            radius_m: 1.5,
+            max_speed_mps: 4.0,
+            max_turn_rate_radps: 1.0,
+            turn_radius_m: 0.0,
+            reaction_s: 0.75,
+            braking_friction: 0.6,
+            braking_mps2: 2.0,
+            acceleration_mps2: 1.0,
+        }
+    }
+
     /// A look from the origin.
-    fn look(glimpses: &mut Glimpses, time_s: f64, heading_rad: f64, middle_m: f64, grid: &CertaintyGrid) {
+    fn look(unconfirmed: &mut Unconfirmed, time_s: f64, heading_rad: f64, middle_m: f64, grid: &CertaintyGrid) {
         let (pose, scan) = (Pose::level(0.0, 0.0, heading_rad), fan(middle_m));
         let told: Vec<Return> = (0..3).map(|beam| scan.beam(beam)).collect();
-        glimpses.note(time_s, (&pose, &scan), &told, grid, (8.0, 4.0, 0.5));
+        unconfirmed.observe(time_s, (&pose, &scan), &told, grid, &shape());
     }
 
     fn nothing() -> CertaintyGrid {
@@ -166,20 +180,20 @@ mod tests {
     const BACK_RAD: f64 = std::f64::consts::PI;
 
     #[test]
-    fn what_was_glimpsed_counts_while_nobody_looks_there_again() {
-        let (mut glimpses, grid) = (Glimpses::default(), nothing());
-        look(&mut glimpses, 0.0, 0.0, 3.0, &grid);
-        look(&mut glimpses, 0.02, 0.0, 3.0, &grid);
-        look(&mut glimpses, 1.01, BACK_RAD, 20.0, &grid);
+    fn what_was_grazed_counts_while_nobody_looks_there_again() {
+        let (mut unconfirmed, grid) = (Unconfirmed::default(), nothing());
+        look(&mut unconfirmed, 0.0, 0.0, 3.0, &grid);
+        look(&mut unconfirmed, 0.02, 0.0, 3.0, &grid);
+        look(&mut unconfirmed, 1.01, BACK_RAD, 20.0, &grid);
         for k in 11..100 {
-            look(&mut glimpses, 0.1 * f64::from(k), BACK_RAD, 20.0, &grid);
-            assert_eq!(glimpses.places().count(), 1, "{k}");
+            look(&mut unconfirmed, 0.1 * f64::from(k), BACK_RAD, 20.0, &grid);
+            assert_eq!(unconfirmed.places().count(), 1, "{k}");
         }
         // In the same direction, but nearer, something hides it.
-        look(&mut glimpses, 10.0, 0.0, 2.0, &grid);
-        assert!(glimpses.places().any(|place| (place.x_m - 3.0).abs() < 1e-9));
-        look(&mut glimpses, 12.0, 0.0, 20.0, &grid);
-        assert_eq!(glimpses.places().count(), 0);
+        look(&mut unconfirmed, 10.0, 0.0, 2.0, &grid);
+        assert!(unconfirmed.places().any(|place| (place.x_m - 3.0).abs() < 1e-9));
+        look(&mut unconfirmed, 12.0, 0.0, 20.0, &grid);
+        assert_eq!(unconfirmed.places().count(), 0);
     }
 
     #[test]
@@ -190,37 +204,37 @@ mod tests {
             (2.0, BACK_RAD, 9.0, false, 0),
             (2.0, BACK_RAD, 3.0, true, 0),
         ] {
-            let (mut glimpses, mut grid) = (Glimpses::default(), nothing());
-            look(&mut glimpses, 0.0, 0.0, x_m, &grid);
-            look(&mut glimpses, 0.02, 0.0, x_m, &grid);
-            look(&mut glimpses, 1.5, heading_rad, 20.0, &grid);
+            let (mut unconfirmed, mut grid) = (Unconfirmed::default(), nothing());
+            look(&mut unconfirmed, 0.0, 0.0, x_m, &grid);
+            look(&mut unconfirmed, 0.02, 0.0, x_m, &grid);
+            look(&mut unconfirmed, 1.5, heading_rad, 20.0, &grid);
             if known {
                 for _ in 0..4 {
                     let scan = fan(x_m);
                     grid.observe(&Pose::default(), &scan, |beam| scan.beam(beam));
                 }
             }
-            look(&mut glimpses, time_s, heading_rad, 20.0, &grid);
-            assert_eq!(glimpses.places().count(), expected, "{time_s} {x_m} {known}");
+            look(&mut unconfirmed, time_s, heading_rad, 20.0, &grid);
+            assert_eq!(unconfirmed.places().count(), expected, "{time_s} {x_m} {known}");
         }
     }
 
     #[test]
     fn what_only_one_scan_met_counts_for_a_second() {
-        let (mut glimpses, grid) = (Glimpses::default(), nothing());
+        let (mut unconfirmed, grid) = (Unconfirmed::default(), nothing());
         for (k, middle_m) in [20.0, 3.0, 20.0, 4.0, 3.0].into_iter().enumerate() {
-            look(&mut glimpses, 0.02 * k as f64, 0.0, middle_m, &grid);
+            look(&mut unconfirmed, 0.02 * k as f64, 0.0, middle_m, &grid);
         }
-        look(&mut glimpses, 1.0, BACK_RAD, 20.0, &grid);
-        assert_eq!(glimpses.places().count(), 3);
-        look(&mut glimpses, 5.0, BACK_RAD, 20.0, &grid);
-        assert_eq!(glimpses.places().count(), 0);
+        look(&mut unconfirmed, 1.0, BACK_RAD, 20.0, &grid);
+        assert_eq!(unconfirmed.places().count(), 3);
+        look(&mut unconfirmed, 5.0, BACK_RAD, 20.0, &grid);
+        assert_eq!(unconfirmed.places().count(), 0);
     }
 
     #[test]
     fn between_neighbouring_returns_near_by_there_is_a_face() {
         for (ranges_m, expected) in [([2.0, 2.4], 8), ([2.0, 2.6], 0), ([5.0, 5.4], 0), ([2.0, 20.0], 0)] {
-            let (mut glimpses, grid) = (Glimpses::default(), nothing());
+            let (mut unconfirmed, grid) = (Unconfirmed::default(), nothing());
             let scan = Scan {
                 ranges_m: ranges_m.to_vec(),
                 angle_min_rad: 0.0,
@@ -234,22 +248,22 @@ mod tests {
                 .iter()
                 .filter(|told| matches!(told, Return::Obstacle { .. }))
                 .count();
-            glimpses.note(0.0, (&Pose::default(), &scan), &told, &grid, (8.0, 4.0, 0.5));
-            assert_eq!(glimpses.places().count(), met + expected, "{ranges_m:?}");
+            unconfirmed.observe(0.0, (&Pose::default(), &scan), &told, &grid, &shape());
+            assert_eq!(unconfirmed.places().count(), met + expected, "{ranges_m:?}");
             // They stay when the robot has turned away.
-            look(&mut glimpses, 5.0, BACK_RAD, 20.0, &grid);
-            assert_eq!(glimpses.places().count(), expected, "{ranges_m:?}");
+            look(&mut unconfirmed, 5.0, BACK_RAD, 20.0, &grid);
+            assert_eq!(unconfirmed.places().count(), expected, "{ranges_m:?}");
         }
     }
 
     #[test]
     fn the_same_place_seen_again_and_again_is_one() {
-        let (mut glimpses, grid) = (Glimpses::default(), nothing());
+        let (mut unconfirmed, grid) = (Unconfirmed::default(), nothing());
         for k in 0..30 {
-            look(&mut glimpses, 0.02 * f64::from(k), 0.0, 3.0, &grid);
+            look(&mut unconfirmed, 0.02 * f64::from(k), 0.0, 3.0, &grid);
         }
-        assert_eq!(glimpses.places().count(), 30);
-        look(&mut glimpses, 5.0, BACK_RAD, 20.0, &grid);
-        assert_eq!(glimpses.places().count(), 1);
+        assert_eq!(unconfirmed.places().count(), 30);
+        look(&mut unconfirmed, 5.0, BACK_RAD, 20.0, &grid);
+        assert_eq!(unconfirmed.places().count(), 1);
     }
 }
