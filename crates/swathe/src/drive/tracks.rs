@@ -34,6 +34,9 @@ const NEW_TO_BEGIN: f64 = 0.5;
 const NEW_TO_GO_ON: f64 = 0.2;
 const LEAST_NEW: usize = 2;
 
+/// The same share for a cluster of which only a part is seen to tell that its track moves.
+const NEW_IF_CUT: f64 = 0.9;
+
 /// Half the size of a thing, in metres: what is seen of it is its front.
 const HALF_M: [f64; 2] = [0.3, 0.6];
 
@@ -248,8 +251,9 @@ impl Track {
         self.misses = 0;
         let speed_mps = self.speed[0].hypot(self.speed[1]);
         let way_m = (self.at[0] - self.born[0]).hypot(self.at[1] - self.born[1]);
-        // The end of what is cut creeps along a thing that stands.
-        self.is_sure |= !cluster.is_cut
+        // The seen end of what is cut creeps along a thing that stands, but is new nowhere then.
+        let is_telling = !cluster.is_cut || (cluster.is_round && cluster.new_share() >= NEW_IF_CUT);
+        self.is_sure |= is_telling
             && self.scans >= LEAST_SCANS
             && way_m >= LEAST_WAY_M
             && (SPEEDS_MPS[0]..=SPEEDS_MPS[1]).contains(&speed_mps)
