@@ -2,8 +2,8 @@
 //! they are obstacles; what stands on the ground must be seen all the same.
 //!
 //! The table of `docs/drive.md` is made by
-//! `SWATHE_HILL=hill.asc cargo test --release -p swathe --test drive_hills -- --ignored --nocapture`, where `hill.asc` is an Arc
-//! ASCII grid of a real hill, such as `gdal_translate -of AAIGrid -srcwin` cuts out of a map.
+//! `SWATHE_HILL=hill.asc cargo test --release -p swathe --test drive_hills -- --ignored --nocapture`, where `hill.asc` is the map of
+//! a real hill as an Arc ASCII grid, which `gdal_translate -of AAIGrid` makes of it.
 
 mod driving;
 
@@ -233,7 +233,7 @@ fn table() {
             over_the_synthetic_hill(1, false, corrected),
             over_the_synthetic_hill(10, true, corrected),
         );
-        row("synthetic", corrected, bare, strewn);
+        row("drawn", corrected, bare, strewn);
     }
     let Ok(path) = std::env::var("SWATHE_HILL") else { return };
     let heights = arc_ascii(&std::fs::read_to_string(path).expect("a readable hill"));

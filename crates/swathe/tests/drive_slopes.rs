@@ -16,6 +16,9 @@ use swathe::sim::{Robot, RobotParams, World};
 use swathe::soil::{SoilClass, Trafficability};
 use swathe::vehicle::Vehicle;
 
+/// Of six drives across hills this many must arrive: some end before a slope that the vehicle finds no way around.
+const LEAST_REACHED: usize = 3;
+
 /// Hills and hollows in rows and columns of 24 m, at their sides steeper than the vehicles may stand across (20 %), and here and
 /// there than they may climb (30 %).
 fn hills(turned_rad: f64) -> World {
@@ -51,13 +54,13 @@ fn known(world: &World, vehicle: &Vehicle, class: SoilClass, moisture_percent: f
     Knowledge::new(map, belief).unwrap()
 }
 
-/// Drives across the hills; how it ended, and how often slopes beyond the limits were come onto.
-fn drive(vehicle: &Vehicle, number: u32) -> (Verdict, usize) {
-    let world = hills(f64::from(number) * 0.4);
+/// Drives across turned hills to a goal 48 m east; how it ended, and how often slopes beyond the limits were come onto.
+fn drive(vehicle: &Vehicle, turned_rad: f64, goal_north_m: f64) -> (Verdict, usize) {
+    let world = hills(turned_rad);
     let limits = motion(vehicle);
     let mut robot = Robot::new(&world, vehicle.clone(), limits, Pose::default(), RobotParams::default()).unwrap();
     let params = DriveParams::default().within(&limits);
-    let goal = Position::new(48.0, 12.0 - 6.0 * f64::from(number));
+    let goal = Position::new(48.0, goal_north_m);
     let mut navigator = Navigator::with_knowledge(
         vehicle,
         goal,
@@ -88,24 +91,41 @@ fn drive(vehicle: &Vehicle, number: u32) -> (Verdict, usize) {
     (episode.outcome().unwrap().verdict, entered)
 }
 
+/// How many of some drives reached their goals, and how often all of them came onto slopes beyond the limits.
+fn outcomes(vehicle: &Vehicle, drives: impl Iterator<Item = (f64, f64)>) -> (usize, usize) {
+    let vehicle = Vehicle {
+        grade_up: 0.3,
+        grade_down: 0.3,
+        side_slope: 0.2,
+        ..vehicle.clone()
+    };
+    let outcomes = drives.map(|(turned_rad, goal_north_m)| drive(&vehicle, turned_rad, goal_north_m));
+    outcomes.fold((0, 0), |(reached, entered), (verdict, times)| {
+        (reached + usize::from(verdict == Verdict::Reached), entered + times)
+    })
+}
+
 #[rstest]
 // A vehicle that turns on the spot swings a little farther than it was told.
 #[case::jackal(jackal(), 1)]
 #[case::car(car(), 0)]
 fn slopes_beyond_its_limits_are_driven_around(#[case] vehicle: Vehicle, #[case] most: usize) {
-    let vehicle = Vehicle {
-        grade_up: 0.3,
-        grade_down: 0.3,
-        side_slope: 0.2,
-        ..vehicle
-    };
-    let drives: Vec<_> = (0..6).map(|number| drive(&vehicle, number)).collect();
-    let reached = drives
-        .iter()
-        .filter(|(verdict, _)| *verdict == Verdict::Reached)
-        .count();
-    let entered: usize = drives.iter().map(|(_, entered)| entered).sum();
-    assert!(reached >= 3 && entered <= most, "{drives:?}");
+    let drives = (0..6).map(f64::from).map(|number| (0.4 * number, 12.0 - 6.0 * number));
+    let (reached, entered) = outcomes(&vehicle, drives);
+    assert!(
+        reached >= LEAST_REACHED && entered <= most,
+        "reached {reached}, entered {entered}"
+    );
+}
+
+#[rstest]
+#[case::jackal("Jackal", jackal())]
+#[case::car("car", car())]
+#[ignore = "a measurement: more hills"]
+fn slopes_beyond_its_limits_on_more_hills(#[case] name: &str, #[case] vehicle: Vehicle) {
+    let drives = (0..24).map(|number| (0.13 * f64::from(number), 12.0 - 6.0 * f64::from(number % 5)));
+    let (reached, entered) = outcomes(&vehicle, drives);
+    println!("{name}: reached {reached} of 24, onto slopes beyond the limits {entered} times");
 }
 
 /// The greatest speed that a vehicle is told on level ground of a class, and what that class allows.
