@@ -231,6 +231,21 @@ def test_a_film_that_would_be_too_large_has_fewer_frames(
     assert (tmp_path / "a.gif").stat().st_size <= 500_000
 
 
+def test_the_key_of_a_narrow_film_is_whole(drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A map so narrow that the key would run over the film's edge, with all that a key can name.
+    monkeypatch.setattr("swathe.report.drive_film._MOST_FRAMES", 2)
+    monkeypatch.setattr("swathe.report.drive_film._MAP_PX", (80, 430))
+    fields = {"densities": [0.0, 90.0] * 36, "thresholds": [40.0, 60.0], "direction_rad": 0.5}
+    named = replace(drive, log=replace(drive.log, histograms=[Histogram(0.0, fields)]))
+    write_drive_gif(tmp_path / "a.gif", named)
+    with Image.open(tmp_path / "a.gif") as gif:
+        picture = np.asarray(gif.convert("RGB"))
+    foot = picture[-80:]
+    assert foot[:, -12:].min() > 250
+    # The swatch of what is closed, the last of all.
+    assert (np.abs(foot.astype(int) - (239, 185, 178)).max(axis=2) < 12).sum() > 100
+
+
 def test_histograms_are_drawn_where_there_are_some(drive: Drive, tmp_path: Path) -> None:
     densities = [0.0] * 36 + [90.0] * 36
     fields = {

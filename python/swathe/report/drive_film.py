@@ -43,6 +43,8 @@ _PAPER, _PANEL, _FAINT = "#ffffff", "#f1efea", "#626873"
 _MAP_PX = (560, 430)
 _VIEW_PX = 300
 _EDGE_PX, _GAP_PX, _HEAD_PX, _FOOT_PX = 14, 18, 62, 36
+#: Lines of the key, and where the name of a colour begins beside it.
+_LINE_PX, _SWATCH_PX = 20, 20
 #: Everything is drawn so many times as large and made smaller, for smooth lines.
 _FINE = 2
 _FILM_MS, _LAST_MS = 11_000, 1_800
@@ -152,10 +154,12 @@ class _Film:
         from PIL import Image, ImageDraw
 
         width = self.size[0] + _GAP_PX + _VIEW_PX + 2 * _EDGE_PX
-        height = max(self.size[1], _VIEW_PX + 74) + _HEAD_PX + _FOOT_PX
+        room = width - 2 * _EDGE_PX
+        key = self.key(room)
+        foot = _HEAD_PX + max(self.size[1], _VIEW_PX + 74)
+        height = foot + _FOOT_PX + _LINE_PX * (len(key) - 1)
         sheet = Image.new("RGB", (width, height), _PAPER)
         pen = ImageDraw.Draw(sheet)
-        room = width - 2 * _EDGE_PX
         title, subtitle = self.drive.title, self.drive.subtitle
         pen.text((_EDGE_PX, 10), _fitted(title, _font(18, bold=True), room), INK_COLOUR, _font(18, bold=True))
         pen.text((_EDGE_PX, 36), _fitted(subtitle, _font(13), room), _FAINT, _font(13))
@@ -165,7 +169,12 @@ class _Film:
         for line, (words, colour) in enumerate(self._words(time_s)):
             font = _font(14, bold=line == 0)
             pen.text((left, _HEAD_PX + _VIEW_PX + 8 + 20 * line), _fitted(words, font, _VIEW_PX), colour, font)
-        self._key(pen, height - _FOOT_PX + 10)
+        for number, entries in enumerate(key):
+            y = foot + 10 + _LINE_PX * number
+            for left_px, name, colour in entries:
+                x = _EDGE_PX + left_px
+                pen.rectangle((x, y + 3, x + 14, y + 13), fill=colour)
+                pen.text((x + _SWATCH_PX, y), name, _FAINT, _font(12))
         return sheet
 
     def _map(self, time_s: float) -> Image.Image:
@@ -313,7 +322,8 @@ class _Film:
         last = last_before(events, time_s)
         return last.kind.replace("_", " ") if last is not None and time_s - last.time_s < span_s else ""
 
-    def _key(self, pen: ImageDraw.ImageDraw, y: float) -> None:
+    def key(self, room_px: float) -> list[list[tuple[float, str, str]]]:
+        """Return the keys in lines that find room: how far from the left each begins, its name and its colour."""
         entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("seen", SEEN_COLOUR)]
         if self.drive.route_m is not None:
             entries.insert(0, ("global route", ROUTE_COLOUR))
@@ -323,11 +333,16 @@ class _Film:
             entries.append(("moving", _MOVER_COLOUR))
         if self.drive.log.histograms:
             entries += [("direction", SPEED_COLOUR), ("density", _DENSITY_COLOUR), ("closed", _BLOCKED_COLOUR)]
-        x = float(_EDGE_PX)
+        lines: list[list[tuple[float, str, str]]] = [[]]
+        left_px = 0.0
         for name, colour in entries:
-            pen.rectangle((x, y + 3, x + 14, y + 13), fill=colour)
-            pen.text((x + 20, y), name, _FAINT, _font(12))
-            x += 38 + _font(12).getlength(name)
+            wide_px = _SWATCH_PX + _font(12).getlength(name)
+            if lines[-1] and left_px + wide_px > room_px:
+                lines.append([])
+                left_px = 0.0
+            lines[-1].append((left_px, name, colour))
+            left_px += wide_px + _GAP_PX
+        return lines
 
 
 def _dotted(pen: ImageDraw.ImageDraw, points: Sequence[tuple[float, float]]) -> None:

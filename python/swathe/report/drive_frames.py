@@ -183,7 +183,18 @@ def _draw_histogram(axes: Axes, drive: Drive, time_s: float) -> None:
         axes.axhline(value, color=LIMIT_COLOUR, lw=0.9, ls=(0, (4, 2.5)), zorder=3)
     direction = fields.get("direction_rad")
     if direction is None:
-        axes.text(0, 0.8 * ceiling, "all closed", ha="center", va="center", fontsize=8, color=LIMIT_COLOUR, zorder=5)
+        label = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+        axes.text(
+            0,
+            0.8 * ceiling,
+            "no direction",
+            ha="center",
+            va="center",
+            fontsize=8,
+            color=LIMIT_COLOUR,
+            bbox=label,
+            zorder=5,
+        )
     else:
         at = float(_around(np.array([math.degrees(direction) - heading]))[0])
         axes.axvline(at, color=SPEED_COLOUR, lw=2.0, zorder=4)
