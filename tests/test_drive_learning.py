@@ -225,7 +225,8 @@ def test_what_is_seen_can_be_looked_at() -> None:
     assert seen.cells.shape == seen.geometry.shape
     shown = histogram(navigator)
     assert shown is not None
-    assert len(shown.densities) == len(shown.blocked) == 72
+    assert len(shown.densities) == len(shown.blocked) == len(shown.masked) == 72
+    assert all(masked for masked, blocked in zip(shown.masked, shown.blocked, strict=True) if blocked)
     assert shown.blocked[0]
     assert 0 < shown.thresholds[0] < shown.thresholds[1]
     assert shown.direction_rad is None or abs(shown.direction_rad) > 0.1

@@ -246,12 +246,22 @@ def test_the_key_of_a_narrow_film_is_whole(drive: Drive, tmp_path: Path, monkeyp
     assert (np.abs(foot.astype(int) - (239, 185, 178)).max(axis=2) < 12).sum() > 100
 
 
+def test_the_log_says_which_sectors_left_no_direction(drive: Drive) -> None:
+    told = [histogram.fields for histogram in drive.log.histograms]
+    assert len(told) > 20
+    for fields in told:
+        assert len(fields["masked"]) == len(fields["blocked"]) == len(fields["densities"])
+        assert all(masked >= blocked for masked, blocked in zip(fields["masked"], fields["blocked"], strict=True))
+        assert (fields["direction_rad"] is None) == all(fields["masked"])
+    assert any(any(fields["masked"]) for fields in told)
+
+
 def test_histograms_are_drawn_where_there_are_some(drive: Drive, tmp_path: Path) -> None:
     densities = [0.0] * 36 + [90.0] * 36
     fields = {
         "densities": densities,
         "thresholds": [40.0, 60.0],
-        "blocked": [d > 60 for d in densities],
+        "masked": [d > 60 for d in densities],
         "direction_rad": 0.5,
     }
     told = [Histogram(float(at), fields) for at in range(20)]

@@ -106,6 +106,7 @@ class Histogram:
     Attributes:
         densities: obstacle density of every sector, counter-clockwise.
         blocked: whether a sector is too dense to drive into.
+        masked: whether it is blocked or, beyond an obstacle in the turning circle, cannot be reached.
         first_rad: direction of sector 0, counter-clockwise from east.
         thresholds: densities below which a sector opens and above which it is blocked.
         direction_rad: where it steers to, or None when every direction is closed.
@@ -113,6 +114,7 @@ class Histogram:
 
     densities: tuple[float, ...]
     blocked: tuple[bool, ...]
+    masked: tuple[bool, ...]
     first_rad: float
     thresholds: tuple[float, float]
     direction_rad: float | None
@@ -400,8 +402,8 @@ class Navigator:
         shown = self._core.histogram()
         if shown is None:
             return None
-        densities, blocked, first_rad, thresholds, direction_rad = shown
-        return Histogram(tuple(densities), tuple(blocked), first_rad, thresholds, direction_rad)
+        densities, blocked, masked, first_rad, thresholds, direction_rad = shown
+        return Histogram(tuple(densities), tuple(blocked), tuple(masked), first_rad, thresholds, direction_rad)
 
     @property
     def certainty(self) -> Certainty:

@@ -370,13 +370,14 @@ impl Navigator {
         Ok(Some((shape, array(py, grid, window.into_data())?)))
     }
 
-    /// (densities, blocked, direction of sector 0, thresholds low and high, chosen direction or None) of the last step.
+    /// (densities, blocked, masked, direction of sector 0, thresholds low and high, chosen direction or None) of the last step.
     #[allow(clippy::type_complexity, reason = "what a histogram shows")]
-    fn histogram(&self) -> Option<(Vec<f32>, Vec<bool>, f64, (f64, f64), Option<f64>)> {
+    fn histogram(&self) -> Option<(Vec<f32>, Vec<bool>, Vec<bool>, f64, (f64, f64), Option<f64>)> {
         let shown = self.inner.histogram()?;
         Some((
             shown.densities,
             shown.blocked,
+            shown.masked,
             shown.first_rad,
             shown.thresholds,
             shown.direction_rad,

@@ -216,6 +216,7 @@ fn second<'py>(py: Python<'py>, told: Second, robot: &swathe::sim::Robot) -> PyR
             fields.set_item("densities", shown.densities)?;
             fields.set_item("thresholds", shown.thresholds)?;
             fields.set_item("blocked", shown.blocked)?;
+            fields.set_item("masked", shown.masked)?;
             fields.set_item("first_rad", shown.first_rad)?;
             fields.set_item("direction_rad", shown.direction_rad)?;
             Ok((row.time_s, fields))

@@ -271,8 +271,8 @@ class _Film:
         count, directions = len(densities), sector_directions(fields).tolist()
         thresholds = [float(value) for value in fields.get("thresholds") or []]
         ceiling = max([2.2 * value for value in thresholds] or [float(densities.max(initial=0.0))]) or 1.0
-        flags = [fields.get(name) or [] for name in ("masked", "blocked")]
-        closed = [any(len(each) == count and each[sector] for each in flags) for sector in range(count)]
+        masked = fields.get("masked") or []
+        closed = list(masked) if len(masked) == count else [False] * count
 
         def band(sector: int, low: float, high: float) -> list[tuple[float, float]]:
             edges = [directions[sector] + 2 * math.pi * share / count for share in (-0.44, 0.0, 0.44)]

@@ -172,7 +172,7 @@ def _draw_histogram(axes: Axes, drive: Drive, time_s: float) -> None:
     heading = math.degrees(_believed_heading(drive, histogram.time_s))
     width = 360 / len(densities)
     middles = _around(np.degrees(sector_directions(fields)) - heading)
-    closed = _flags(fields, "masked", len(densities)) | _flags(fields, "blocked", len(densities))
+    closed = _flags(fields, "masked", len(densities))
     thresholds = [float(value) for value in fields.get("thresholds") or []]
     shown = np.nan_to_num(densities, posinf=0.0)
     ceiling = max([2.2 * value for value in thresholds] or [float(shown.max())]) or 1.0

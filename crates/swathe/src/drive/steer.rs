@@ -33,6 +33,8 @@ pub struct Histogram {
     pub densities: Vec<f32>,
     /// Whether a sector is too dense to drive into.
     pub blocked: Vec<bool>,
+    /// Whether it is blocked or, beyond an obstacle in the turning circle, cannot be reached.
+    pub masked: Vec<bool>,
     /// Direction of sector 0, counter-clockwise from east.
     pub first_rad: f64,
     /// Densities below which a sector opens and from which it is blocked; equal where a method has one.
@@ -191,6 +193,7 @@ impl Local {
                 return Some(Histogram {
                     blocked: vfh.histogram().iter().map(|&density| density > low.max(high)).collect(),
                     densities,
+                    masked: vfh.masked().to_vec(),
                     first_rad: nose_rad,
                     thresholds: (low.min(high), low.max(high)),
                     direction_rad: self.direction_rad,
@@ -200,6 +203,7 @@ impl Local {
         Some(Histogram {
             densities: seen.density,
             blocked: seen.blocked,
+            masked: seen.masked,
             first_rad: 0.0,
             thresholds: (thresholds[0], thresholds[1]),
             direction_rad: self.direction_rad,

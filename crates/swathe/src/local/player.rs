@@ -112,6 +112,7 @@ pub struct PlayerVfh {
     sectors: usize,
     histogram: Vec<f64>,
     blocked: Vec<bool>,
+    masked: Vec<bool>,
     direction_rad: f64,
     speed_mps: f64,
 }
@@ -168,6 +169,7 @@ impl PlayerVfh {
             sectors,
             histogram: vec![0.0; sectors],
             blocked: vec![false; sectors],
+            masked: vec![false; sectors],
             direction_rad: 0.0,
             speed_mps: 0.0,
             params,
@@ -182,6 +184,11 @@ impl PlayerVfh {
     /// Density of every sector in the last step, from the nose on counter-clockwise.
     pub fn histogram(&self) -> &[f64] {
         &self.histogram
+    }
+
+    /// Whether a sector was blocked in the last step, or could not be reached; all are when something was too near.
+    pub fn masked(&self) -> &[bool] {
+        &self.masked
     }
 
     /// One update: the scan, the measured speed, the goal's direction from the nose, and the time since the last update.
@@ -207,6 +214,7 @@ impl PlayerVfh {
         let ranges_m = half_degrees(scan);
         if !self.fill(&ranges_m, enlarged_m) {
             self.speed_mps = 0.0;
+            self.masked.fill(true);
             return PlayerSteering {
                 speed_mps: 0.0,
                 turn_rate_radps: max_turn_radps,
@@ -218,8 +226,8 @@ impl PlayerVfh {
             *blocked = density > occupied || (*blocked && density >= free);
         }
         let turn_radius_m = params.min_turn_radius_safety_factor * speed_mps.max(0.0) / max_turn_radps.max(1e-6);
-        let masked = self.masked(&ranges_m, turn_radius_m, enlarged_m);
-        let (direction_rad, most_mps) = self.pick(&masked, wrap(goal_rad), ground);
+        self.mask(&ranges_m, turn_radius_m, enlarged_m);
+        let (direction_rad, most_mps) = self.pick(wrap(goal_rad), ground);
         let Some(direction_rad) = direction_rad else {
             self.speed_mps = 0.0;
             return PlayerSteering {
@@ -278,8 +286,8 @@ impl PlayerVfh {
         true
     }
 
-    /// The rear half and everything beyond an obstacle in one of the two turning circles.
-    fn masked(&self, ranges_m: &[f64; 361], turn_radius_m: f64, enlarged_m: f64) -> Vec<bool> {
+    /// Masks the rear half and everything beyond an obstacle in one of the two turning circles.
+    fn mask(&mut self, ranges_m: &[f64; 361], turn_radius_m: f64, enlarged_m: f64) {
         let (mut left, mut right) = (PI, -PI);
         let half_cell_m = self.params.cell_size_m / 2.0;
         for cell in &self.cells {
@@ -295,23 +303,22 @@ impl PlayerVfh {
                 right = beta.max(right);
             }
         }
-        let out = |k: usize| {
+        for (k, (masked, &blocked)) in self.masked.iter_mut().zip(&self.blocked).enumerate() {
             let ahead = direction_of(k as f64, self.sectors);
-            ahead.abs() > FRAC_PI_2 + 1e-9 || ahead > left || ahead < right
-        };
-        (0..self.sectors).map(|k| self.blocked[k] || out(k)).collect()
+            *masked = blocked || ahead.abs() > FRAC_PI_2 + 1e-9 || ahead > left || ahead < right;
+        }
     }
 
     /// The direction picked, if any, and the greatest speed for the opening it lies in.
-    fn pick(&self, masked: &[bool], goal_rad: f64, ground: Option<Goodness>) -> (Option<f64>, f64) {
+    fn pick(&self, goal_rad: f64, ground: Option<Goodness>) -> (Option<f64>, f64) {
         let params = &self.params;
         let in_front = |k: usize| direction_of(k as f64, self.sectors).abs() <= FRAC_PI_2 + 1e-9;
-        if (0..self.sectors).all(|k| !in_front(k) || !masked[k]) {
+        if (0..self.sectors).all(|k| !in_front(k) || !self.masked[k]) {
             return (Some(goal_rad), params.max_speed_mps);
         }
         let sector_deg = 360.0 / self.sectors as f64;
         let mut candidates = Vec::new();
-        for opening in openings(masked) {
+        for opening in openings(&self.masked) {
             // From the first open sector to the last.
             let (right, last) = (opening.right as f64, opening.width as f64 - 1.0);
             let width_deg = last * sector_deg;
