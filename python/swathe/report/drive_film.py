@@ -52,7 +52,7 @@ _MOST_BYTES = 1_500_000
 _MOST_FRAMES, _FEWEST_FRAMES = 100, 16
 _RING = (0.69, 0.98)
 _BLOCKED_COLOUR, _DENSITY_COLOUR, _MOVER_COLOUR, _EDGE_COLOUR = "#efb9b2", "#7f8894", "#c9a13b", "#4c4944"
-_GOAL_COLOUR = "#ffd23f"
+_GOAL_COLOUR, _BEAM_COLOUR = "#ffd23f", "#eccdb9"
 #: A vehicle is drawn at least so long on the map.
 _VEHICLE_PX = 15
 
@@ -90,6 +90,7 @@ def _encoded(film: _Film, times_s: Sequence[float]) -> bytes:
         _DENSITY_COLOUR,
         _MOVER_COLOUR,
         _GOAL_COLOUR,
+        _BEAM_COLOUR,
     ]
     kept = [tuple(int(name[place : place + 2], 16) for place in (1, 3, 5)) for name in names]
     palette = Image.new("P", (1, 1))
@@ -230,7 +231,7 @@ class _Film:
             hits = at(drive.map_points(row))
             origin = at(np.array([pose[:2]]))[0]
             for hit in hits:
-                pen.line((origin, hit), fill="#eccdb9", width=1)
+                pen.line((origin, hit), fill=_BEAM_COLOUR, width=1)
             for x, y in hits:
                 pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill=SEEN_COLOUR)
         way = last_before(drive.log.ways, time_s)
