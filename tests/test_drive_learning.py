@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -234,3 +235,20 @@ def test_what_is_seen_can_be_looked_at() -> None:
     assert navigator.global_route.points[-1] == (6.0, 20.0)
     with pytest.raises(UsageError):
         navigator.set_goal((math.nan, 0.0))
+
+
+@pytest.mark.parametrize("name", ["vfh", "vfh+", "vfh*", "player"])
+def test_what_a_turning_circle_masks_can_be_looked_at(name: Literal["vfh", "vfh+", "vfh*", "player"]) -> None:
+    # A pick-up beside a wall on its left: behind the wall's near end nothing is dense, but it cannot be turned to.
+    bearing_rad = np.linspace(-math.pi / 2, math.pi / 2, 181)
+    ranges = np.where((bearing_rad > 0.6) & (bearing_rad < 1.5), 3.0 / np.sin(np.abs(bearing_rad) + 1e-9), np.inf)
+    scan = Scan(ranges, -math.pi / 2, math.pi / 180, 0.1, 20.0)
+    navigator = Navigator(load_vehicle("pickup-4x4"), (60.0, 0.0), params=DriveParams(method=name))
+    for step in range(10):
+        navigator.step(0.1 * step, Pose(6.0, 0.0, 0.0), 0.0, 0.0, scan)
+    shown = histogram(navigator)
+    assert shown is not None
+    masked, blocked = np.array(shown.masked), np.array(shown.blocked)
+    assert masked.any()
+    assert (masked >= blocked).all()
+    assert (masked & ~blocked).any() == (name != "vfh")

@@ -232,7 +232,7 @@ def test_a_film_that_would_be_too_large_has_fewer_frames(
 
 
 def test_the_key_of_a_narrow_film_is_whole(drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A map so narrow that the key would run over the film's edge, with all that a key can name.
+    # A map so narrow that the key would run over the film's edge, with most that a key can name.
     monkeypatch.setattr("swathe.report.drive_film._MOST_FRAMES", 2)
     monkeypatch.setattr("swathe.report.drive_film._MAP_PX", (80, 430))
     fields = {"densities": [0.0, 90.0] * 36, "thresholds": [40.0, 60.0], "direction_rad": 0.5}

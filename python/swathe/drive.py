@@ -106,10 +106,11 @@ class Histogram:
     Attributes:
         densities: obstacle density of every sector, counter-clockwise.
         blocked: whether a sector is too dense to drive into.
-        masked: whether it is blocked or, beyond an obstacle in the turning circle, cannot be reached.
+        masked: whether it is blocked or closed all the same: beyond an obstacle in the turning circle, towards one that
+            is too near, or, for Player's method, behind.
         first_rad: direction of sector 0, counter-clockwise from east.
         thresholds: densities below which a sector opens and above which it is blocked.
-        direction_rad: where it steers to, or None when every direction is closed.
+        direction_rad: where it steers to, or None when it finds no direction.
     """
 
     densities: tuple[float, ...]

@@ -127,8 +127,8 @@ class Histogram(NamedTuple):
     """The polar histogram of the local method at a time.
 
     ``fields``: ``densities`` by sector, the first one's direction ``first_rad`` counter-clockwise from east,
-    ``thresholds`` (low, high), ``blocked`` and ``masked`` by sector, ``direction_rad`` (None when every direction is
-    closed).
+    ``thresholds`` (low, high), ``blocked`` and ``masked`` by sector, ``direction_rad`` (None when it finds no
+    direction).
     """
 
     time_s: float

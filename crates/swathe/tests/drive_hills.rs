@@ -117,7 +117,7 @@ fn rolling(x: f64, y: f64) -> f64 {
     0.9 * (x / 5.0).sin() + 0.6 * ((x + 2.0 * y) / 7.0).cos() + 0.03 * x
 }
 
-fn synthetic(seed: u64, has_crates: bool) -> Hill {
+fn drawn(seed: u64, has_crates: bool) -> Hill {
     let places: Vec<(f64, f64)> = (0..if has_crates { 8 } else { 0 })
         .map(|i| {
             let draw = philox([i, 0, 0, 0], seed).map(unit);
@@ -127,10 +127,10 @@ fn synthetic(seed: u64, has_crates: bool) -> Hill {
     Hill::new(ground(rolling), places)
 }
 
-fn over_the_synthetic_hill(seeds: u64, has_crates: bool, corrected: bool) -> Tally {
+fn over_the_drawn_hill(seeds: u64, has_crates: bool, corrected: bool) -> Tally {
     let mut tally = Tally::default();
     for seed in 0..seeds {
-        let hill = synthetic(seed, has_crates);
+        let hill = drawn(seed, has_crates);
         drive(&hill, Pose::default(), (42.0, 0.0), corrected, &mut tally);
     }
     tally
@@ -138,14 +138,14 @@ fn over_the_synthetic_hill(seeds: u64, has_crates: bool, corrected: bool) -> Tal
 
 #[test]
 fn with_elevation_and_attitude_hills_are_driven_over_and_crates_are_seen() {
-    let bare = over_the_synthetic_hill(1, false, true);
+    let bare = over_the_drawn_hill(1, false, true);
     assert_eq!((bare.reached, bare.false_stops), (1, 0), "{bare:?}");
-    let blind = over_the_synthetic_hill(1, false, false);
+    let blind = over_the_drawn_hill(1, false, false);
     assert!(
         blind.false_stops > 0 || blind.seconds > 1.5 * bare.seconds,
         "{blind:?} {bare:?}"
     );
-    let strewn = over_the_synthetic_hill(3, true, true);
+    let strewn = over_the_drawn_hill(3, true, true);
     assert_eq!(
         (strewn.collisions, strewn.missed, strewn.reached),
         (0, 0, 3),
@@ -230,8 +230,8 @@ fn table() {
     );
     for corrected in [true, false] {
         let (bare, strewn) = (
-            over_the_synthetic_hill(1, false, corrected),
-            over_the_synthetic_hill(10, true, corrected),
+            over_the_drawn_hill(1, false, corrected),
+            over_the_drawn_hill(10, true, corrected),
         );
         row("drawn", corrected, bare, strewn);
     }

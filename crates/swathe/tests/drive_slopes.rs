@@ -1,5 +1,7 @@
 //! On hills that the map knows, no vehicle comes onto slopes beyond its limits: the simulated body is the judge. And soil and grade
 //! slow it down.
+//!
+//! More hills: `cargo test --release -p swathe --test drive_slopes -- --ignored --nocapture`.
 
 mod driving;
 

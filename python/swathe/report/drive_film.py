@@ -156,7 +156,7 @@ class _Film:
 
         width = self.size[0] + _GAP_PX + _VIEW_PX + 2 * _EDGE_PX
         room = width - 2 * _EDGE_PX
-        key = self.key(room)
+        key = self._key(room)
         foot = _HEAD_PX + max(self.size[1], _VIEW_PX + 74)
         height = foot + _FOOT_PX + _LINE_PX * (len(key) - 1)
         sheet = Image.new("RGB", (width, height), _PAPER)
@@ -323,7 +323,7 @@ class _Film:
         last = last_before(events, time_s)
         return last.kind.replace("_", " ") if last is not None and time_s - last.time_s < span_s else ""
 
-    def key(self, room_px: float) -> list[list[tuple[float, str, str]]]:
+    def _key(self, room_px: float) -> list[list[tuple[float, str, str]]]:
         """Return the keys in lines that find room: how far from the left each begins, its name and its colour."""
         entries = [("driven", DRIVEN_COLOUR), ("local way", LOCAL_WAY_COLOUR), ("seen", SEEN_COLOUR)]
         if self.drive.route_m is not None:

@@ -241,7 +241,7 @@ impl Surroundings {
                 }
             }
             let edge = side * shape.half_length_m;
-            // Backwards a laser sees nothing: what stands just beside the way would lie in the same cell as ground that was seen.
+            // Behind, mostly only cells tell what was seen: what stands just beside the way may lie in one of them.
             let half_m = shape.half_width_m + if forward { 0.0 } else { self.cell_size_m };
             let sides = [-half_m, 0.0, half_m];
             if !sides

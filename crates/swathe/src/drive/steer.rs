@@ -33,13 +33,14 @@ pub struct Histogram {
     pub densities: Vec<f32>,
     /// Whether a sector is too dense to drive into.
     pub blocked: Vec<bool>,
-    /// Whether it is blocked or, beyond an obstacle in the turning circle, cannot be reached.
+    /// Whether it is blocked or closed all the same: beyond an obstacle in the turning circle, towards one that is too near, or, for
+    /// Player's method, behind.
     pub masked: Vec<bool>,
     /// Direction of sector 0, counter-clockwise from east.
     pub first_rad: f64,
     /// Densities below which a sector opens and from which it is blocked; equal where a method has one.
     pub thresholds: (f64, f64),
-    /// Where the method steers to; `None` when every direction is closed.
+    /// Where the method steers to; `None` when it finds no direction.
     pub direction_rad: Option<f64>,
 }
 

@@ -34,7 +34,7 @@ const NEW_TO_BEGIN: f64 = 0.5;
 const NEW_TO_GO_ON: f64 = 0.2;
 const LEAST_NEW: usize = 2;
 
-/// The same share for a cluster of which only a part is seen to tell that its track moves.
+/// The same share, of the returns where something is known, for a cluster of which only a part is seen to tell that its track moves.
 const NEW_IF_CUT: f64 = 0.9;
 
 /// Half the size of a thing, in metres: what is seen of it is its front.
@@ -251,7 +251,7 @@ impl Track {
         self.misses = 0;
         let speed_mps = self.speed[0].hypot(self.speed[1]);
         let way_m = (self.at[0] - self.born[0]).hypot(self.at[1] - self.born[1]);
-        // The seen end of what is cut creeps along a thing that stands, but is new nowhere then.
+        // The seen end of what is cut creeps along a thing that stands, but comes onto nothing that was free then.
         let is_telling = !cluster.is_cut || (cluster.is_round && cluster.new_share() >= NEW_IF_CUT);
         self.is_sure |= is_telling
             && self.scans >= LEAST_SCANS
@@ -295,10 +295,9 @@ impl Tracks {
         let beams = self
             .beams
             .iter()
-            .map(|told| match *told {
-                Return::Obstacle { range_m } => (range_m, true),
-                Return::Ground { range_m } | Return::Clear { range_m } => (range_m, false),
-                Return::Invalid => (f64::NAN, false),
+            .map(|told| {
+                let is_hit = matches!(told, Return::Obstacle { .. });
+                (told.range_m().unwrap_or(f64::NAN), is_hit)
             })
             .collect();
         let now = Past {

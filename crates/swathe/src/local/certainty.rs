@@ -507,8 +507,8 @@ impl CertaintyGrid {
             })
     }
 
-    /// The cells that the last scan, or the last [`Self::stand_on`], first saw or whose certainty it changed, as row (down from y = 0) and column (right
-    /// from x = 0) of the lattice of cells, hits first.
+    /// The cells that the last scan, or the last [`Self::stand_on`], first saw or whose certainty it changed, as row (down from
+    /// y = 0) and column (right from x = 0) of the lattice of cells, hits first.
     pub fn changed(&self) -> &[(i64, i64)] {
         &self.changed
     }

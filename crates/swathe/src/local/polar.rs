@@ -11,7 +11,7 @@ pub struct PolarHistogram {
     pub density: Vec<f32>,
     /// Whether a sector is too dense to drive into.
     pub blocked: Vec<bool>,
-    /// Whether a sector is blocked, or cannot be reached within the turning circle.
+    /// Whether a sector is blocked or closed all the same: beyond an obstacle in the turning circle, or towards one that is too near.
     pub masked: Vec<bool>,
 }
 
