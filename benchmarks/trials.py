@@ -1,7 +1,7 @@
 """Trials of the navigator: drawn worlds, outcomes with intervals, methods and grids side by side.
 
-    python benchmarks/trials.py [--only drawn,noisy,open,methods,grids] [--worlds N] [--noisy N] [--open N]
-                                [--methods N] [--grids N] [--processes N] [--again] [--folder DIR]
+    python benchmarks/trials.py [--only drawn,noisy,open,methods,grids] [--sets NAMES] [--worlds N] [--noisy N]
+                                [--open N] [--methods N] [--grids N] [--processes N] [--again] [--folder DIR]
 
 Writes ``runs/trials/*.csv`` (one row a drive), ``TRIALS.md`` and ``docs/images/trials.png``, or all of it into a
 folder. Trials of which the same code has left a row are not run again (``trial_rows`` says what the same code is), so
@@ -115,6 +115,7 @@ def main(arguments: list[str]) -> int:
     """Run what ``arguments`` ask for and return the exit status: 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="Run trials of the navigator.")
     parser.add_argument("--only", default=",".join(GROUPS), help=f"groups to run, of {', '.join(GROUPS)} (all)")
+    parser.add_argument("--sets", default="", help="of those groups only these sets, such as full-vfh-plus (all)")
     for name, (_, usual, counted) in GROUPS.items():
         option = "worlds" if name == "drawn" else name
         parser.add_argument(f"--{option}", dest=name, type=int, default=usual, help=f"{counted} ({usual})")
@@ -126,27 +127,32 @@ def main(arguments: list[str]) -> int:
     counts = {name: getattr(chosen, name) for name in GROUPS}
     if not set(wanted) <= GROUPS.keys() or min(counts.values()) < 1:
         parser.error(f"Known groups: {', '.join(GROUPS)}. Numbers: at least 1.")
+    every = [asked for group in wanted for asked in GROUPS[group][0](counts[group])]
+    sets = {name for name in chosen.sets.split(",") if name} or {asked.name for asked in every}
+    if not sets <= {asked.name for asked in every}:
+        parser.error(f"Known sets of these groups: {', '.join(asked.name for asked in every)}.")
     here, root = harness.FOLDER, trial_rows.root()
     rows, page, picture = here / "runs" / "trials", here / "TRIALS.md", root / "docs" / "images" / "trials.png"
     if chosen.folder is not None:
         rows, page, picture = (chosen.folder / name for name in ("rows", "TRIALS.md", "trials.png"))
         rows.mkdir(parents=True, exist_ok=True)
     code, is_complete = trial_rows.code_of(root), True
-    for group in wanted:
-        for asked in GROUPS[group][0](counts[group]):
-            _, is_complete = trial_rows.run_set(
-                rows,
-                asked.name,
-                asked.items,
-                asked.job,
-                code=code,
-                arguments=arguments,
-                processes=chosen.processes,
-                again=chosen.again,
-            )
-            publish(rows, page, picture)
-            if not is_complete:
-                return 130
+    for asked in every:
+        if asked.name not in sets:
+            continue
+        _, is_complete = trial_rows.run_set(
+            rows,
+            asked.name,
+            asked.items,
+            asked.job,
+            code=code,
+            arguments=arguments,
+            processes=chosen.processes,
+            again=chosen.again,
+        )
+        publish(rows, page, picture)
+        if not is_complete:
+            return 130
     publish(rows, page, picture)
     return 0
 

@@ -181,6 +181,24 @@ def test_what_cannot_be_run_is_refused(words: list[str], capsys: pytest.CaptureF
     assert "drawn, noisy, open, methods, grids" in capsys.readouterr().err
 
 
+def test_only_the_sets_that_are_asked_for_are_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run: list[str] = []
+
+    def note(_folder: Path, name: str, *_given: object, **_more: object) -> tuple[list[trials.Row], bool]:
+        run.append(name)
+        return [], True
+
+    monkeypatch.setattr("trial_rows.run_set", note)
+    few = ["--folder", str(tmp_path), "--only", "open,methods", "--methods", "1", "--open", "1"]
+    assert bench.main([*few, "--sets", "full-vfh,open"]) == 0
+    assert run == ["open", "full-vfh"]
+    with pytest.raises(SystemExit):
+        bench.main([*few, "--sets", "full-vfh,drawn"])
+    assert "open, alone-vfh, full-vfh," in capsys.readouterr().err
+
+
 def test_every_set_is_of_its_own_and_named_once() -> None:
     sets = [asked for group, _, _ in bench.GROUPS.values() for asked in group(3)]
     assert len({asked.name for asked in sets}) == len(sets)
