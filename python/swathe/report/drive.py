@@ -362,6 +362,13 @@ def sector_directions(fields: Mapping[str, Any]) -> NDArray[np.float64]:
     return np.array([first_rad + sector * 2 * math.pi / count for sector in range(count)])
 
 
+def masked_sectors(fields: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return which sectors of a histogram are closed; none where it does not say."""
+    count = len(fields.get("densities") or [])
+    masked = np.array(fields.get("masked") or [], np.bool_)
+    return masked if len(masked) == count else np.zeros(count, np.bool_)
+
+
 def _closed_cells(maps: Sequence[CertaintyMap]) -> NDArray[np.float64]:
     """Return the cells that were closed in the last window that showed them: x, y and since when, (n, 3)."""
     cell_m = maps[0].cell_size_m

@@ -15,7 +15,7 @@ import numpy as np
 
 from swathe.episode import STATUSES
 from swathe.report.animation import _fitted, _font
-from swathe.report.drive import certainty_rgba, last_before, rectangle, sector_directions
+from swathe.report.drive import certainty_rgba, last_before, masked_sectors, rectangle, sector_directions
 from swathe.report.output import replacing
 from swathe.report.palette import (
     DRIVEN_COLOUR,
@@ -272,8 +272,7 @@ class _Film:
         count, directions = len(densities), sector_directions(fields).tolist()
         thresholds = [float(value) for value in fields.get("thresholds") or []]
         ceiling = max([2.2 * value for value in thresholds] or [float(densities.max(initial=0.0))]) or 1.0
-        masked = fields.get("masked") or []
-        closed = list(masked) if len(masked) == count else [False] * count
+        closed = masked_sectors(fields)
 
         def band(sector: int, low: float, high: float) -> list[tuple[float, float]]:
             edges = [directions[sector] + 2 * math.pi * share / count for share in (-0.44, 0.0, 0.44)]

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from swathe.episode import STATUSES
-from swathe.report.drive import Extent, certainty_rgba, last_before, sector_directions
+from swathe.report.drive import Extent, certainty_rgba, last_before, masked_sectors, sector_directions
 from swathe.report.drive_ground import (
     draw_driven,
     draw_ground,
@@ -172,7 +172,7 @@ def _draw_histogram(axes: Axes, drive: Drive, time_s: float) -> None:
     heading = math.degrees(_believed_heading(drive, histogram.time_s))
     width = 360 / len(densities)
     middles = _around(np.degrees(sector_directions(fields)) - heading)
-    closed = _flags(fields, "masked", len(densities))
+    closed = masked_sectors(fields)
     thresholds = [float(value) for value in fields.get("thresholds") or []]
     shown = np.nan_to_num(densities, posinf=0.0)
     ceiling = max([2.2 * value for value in thresholds] or [float(shown.max())]) or 1.0
@@ -209,11 +209,6 @@ def _believed_heading(drive: Drive, time_s: float) -> float:
 def _around(degrees: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return angles from -180 to 180 degrees."""
     return (degrees + 180) % 360 - 180
-
-
-def _flags(fields: Mapping[str, Any], name: str, count: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    flags = np.array(fields.get(name) or [], np.bool_)
-    return flags if len(flags) == count else np.zeros(count, np.bool_)
 
 
 def _draw_key(axes: Axes, drive: Drive) -> None:
