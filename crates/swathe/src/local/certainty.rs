@@ -4,14 +4,16 @@
 //! a few scans (Hornung et al., `OctoMap`, 2013). Histogramic in-motion mapping after Borenstein and Koren, 1991: a hit
 //! adds 3, a cell that a beam crossed loses 1, between 0 and 15.
 
+mod counts;
 mod levels;
 mod ray;
 
 use crate::grid::Position;
 use crate::sensor::{Pose, Return, Scan};
 
+use counts::{BLOCK_BITS, Count, Counts};
 use levels::Levels;
-use ray::Ray;
+use ray::{Ray, Window};
 
 /// Greatest certainty that an obstacle stands in a cell, the scale of the vector field histogram.
 pub const CERTAINTY_MAX: u8 = 15;
@@ -101,8 +103,10 @@ pub struct CertaintyGrid {
     /// Cells along the sides of what is kept, less one: a power of two less one, so that rows and columns wrap around by
     /// a mask and moving on copies nothing.
     mask: i64,
-    /// What is kept of every cell.
-    evidence: Vec<Evident>,
+    shift: u32,
+    counts: Counts,
+    /// Where in every cell something was met.
+    met: Vec<Met>,
     /// Certainty of every cell, or [`UNSEEN`]; what everybody else reads.
     certainty: Vec<u8>,
     scan: u16,
@@ -112,17 +116,15 @@ pub struct CertaintyGrid {
     changed: Vec<(i64, i64)>,
     /// Cells in which the last scan met something in another part than before.
     reshaped: Vec<(i64, i64)>,
-    /// Ends of beams, kept for their storage.
+    /// Ends of beams, and indices of cells on the way of one that are not sure to be free; kept for their storage.
     ends: Vec<(f64, f64)>,
+    unsure: Vec<usize>,
 }
 
-/// Evidence of a cell.
+/// Where in a cell something was met.
 #[derive(Clone, Copy, Debug, Default)]
-struct Evident {
-    level: i16,
-    /// Number of the last scan that counted for it.
-    scan: u16,
-    /// Where in the cell the last scan that hit it did so nearest to the sensor: right and down, in parts of 256, and how far away.
+struct Met {
+    /// Where the last scan that hit it did so nearest to the sensor: right and down, in parts of 256, and how far away.
     part: [u8; 2],
     range_cm: u16,
     /// The parts of the cell, eight by eight, in which something was met.
@@ -131,7 +133,10 @@ struct Evident {
 
 /// Where in its cell a place lies, in parts of 256 of the cell, right and down.
 fn part_of((x_m, y_m): (f64, f64), cell_size_m: f64) -> [u8; 2] {
-    [x_m, -y_m].map(|along_m| (256.0 * (along_m / cell_size_m).rem_euclid(1.0)) as u8)
+    [x_m, -y_m].map(|along_m| {
+        let along = along_m / cell_size_m;
+        (256.0 * (along - along.floor())) as u8
+    })
 }
 
 /// The one of the eight by eight parts of a cell, as a bit, for a place in parts of 256, right and down.
@@ -143,20 +148,25 @@ impl CertaintyGrid {
     /// A window around a place, nothing seen.
     pub fn new(params: CertaintyParams, x_m: f64, y_m: f64) -> Self {
         let side = params.side_cells.max(3) | 1;
-        let stride = side.next_power_of_two();
+        let stride = side.next_power_of_two().max(1 << BLOCK_BITS);
+        let shift = stride.trailing_zeros();
+        let levels = Levels::of(params.evidence);
         let mut grid = Self {
             params,
             side: side as i64,
             middle: (0, 0),
             mask: stride as i64 - 1,
-            evidence: vec![Evident::default(); stride * stride],
+            shift,
+            counts: Counts::new(shift, levels.low),
+            met: vec![Met::default(); stride * stride],
             certainty: vec![UNSEEN; stride * stride],
             scan: 0,
             doubt: PoseDoubt::default(),
-            levels: Levels::of(params.evidence),
+            levels,
             changed: Vec::new(),
             reshaped: Vec::new(),
             ends: Vec::new(),
+            unsure: Vec::new(),
         };
         grid.middle = grid.lattice(x_m, y_m);
         grid
@@ -179,7 +189,12 @@ impl CertaintyGrid {
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        self.certainty.fill(UNSEEN);
+        self.forget(0..self.certainty.len());
+    }
+
+    fn forget(&mut self, cells: std::ops::Range<usize>) {
+        self.certainty[cells.clone()].fill(UNSEEN);
+        self.counts.forget(cells);
     }
 
     /// Forgets everything farther from a place than some metres, along either axis.
@@ -191,7 +206,7 @@ impl CertaintyGrid {
             for right in self.middle.1 - half..=self.middle.1 + half {
                 if (down - row).abs() > reach || (right - column).abs() > reach {
                     let index = self.wrapped((down, right));
-                    self.certainty[index] = UNSEEN;
+                    self.forget(index..index + 1);
                 }
             }
         }
@@ -217,11 +232,12 @@ impl CertaintyGrid {
         let stride = self.mask + 1;
         for row in entered(down, target.0) {
             let start = ((row & self.mask) * stride) as usize;
-            self.certainty[start..start + stride as usize].fill(UNSEEN);
+            self.forget(start..start + stride as usize);
         }
         for column in entered(right, target.1) {
             for row in 0..stride {
-                self.certainty[(row * stride + (column & self.mask)) as usize] = UNSEEN;
+                let index = (row * stride + (column & self.mask)) as usize;
+                self.forget(index..index + 1);
             }
         }
     }
@@ -232,10 +248,12 @@ impl CertaintyGrid {
         if keep >= 1.0 {
             return;
         }
-        for (cell, certainty) in self.evidence.iter_mut().zip(&mut self.certainty) {
+        for (index, certainty) in self.certainty.iter_mut().enumerate() {
             if *certainty != UNSEEN {
-                cell.level = (f64::from(cell.level) * keep) as i16;
-                *certainty = self.levels.certainty(cell.level);
+                let count = self.counts.get(index);
+                let level = (f64::from(count.level) * keep) as i16;
+                self.counts.set(index, Count { level, ..count });
+                *certainty = self.levels.certainty(level);
             }
         }
     }
@@ -251,7 +269,7 @@ impl CertaintyGrid {
     /// The scan must have passed [`Scan::validate`] and the pose must be finite.
     pub fn observe(&mut self, pose: &Pose, scan: &Scan, mut classify: impl FnMut(usize) -> Return) {
         if self.scan == u16::MAX {
-            self.evidence.iter_mut().for_each(|cell| cell.scan = 0);
+            self.counts.forget_scans();
             self.scan = 0;
         }
         self.scan += 1;
@@ -270,21 +288,22 @@ impl CertaintyGrid {
             ends.push((x_m, y_m));
             let cell = self.lattice(x_m, y_m);
             if is_hit && let Some(index) = self.index(cell) {
-                let is_first = self.evidence[index].scan != self.scan;
-                if is_first && (self.certainty[index] == UNSEEN || self.evidence[index].level <= 0) {
-                    self.evidence[index].hits = 0;
+                let count = self.counts.get(index);
+                let is_first = count.scan != self.scan;
+                if is_first && count.level <= 0 {
+                    self.met[index].hits = 0;
                 }
                 self.count(index, cell, self.levels.hit);
-                let evident = &mut self.evidence[index];
+                let met = &mut self.met[index];
                 let range_cm = (100.0 * range_m) as u16;
                 let part = part_of((x_m, y_m), self.params.cell_size_m);
-                if is_first || range_cm < evident.range_cm {
-                    evident.part = part;
-                    evident.range_cm = range_cm;
+                if is_first || range_cm < met.range_cm {
+                    met.part = part;
+                    met.range_cm = range_cm;
                 }
                 let bit = bit_of(part);
-                if evident.hits & bit == 0 {
-                    evident.hits |= bit;
+                if met.hits & bit == 0 {
+                    met.hits |= bit;
                     self.reshaped.push(cell);
                 }
             }
@@ -300,77 +319,46 @@ impl CertaintyGrid {
 
     /// Counts the cells that a beam crossed, all but the last, nearest first; `half_rad` is half the angle to the next beam.
     fn cross(&mut self, from: (f64, f64), to: (f64, f64), half_rad: f64) {
-        let size = self.params.cell_size_m;
-        let (mut row, mut column) = self.lattice(from.0, from.1);
-        let last = self.lattice(to.0, to.1);
-        if !self.holds((row, column)) {
+        if !self.holds(self.lattice(from.0, from.1)) {
             return;
         }
-        // Between two cells of the window all cells are its own.
-        let is_inside = self.holds(last);
-        // Rows run south: the beam in units of cells, x right, y down.
-        let along = [(to.0 - from.0) / size, (from.1 - to.1) / size];
-        let place = [from.0 / size, -from.1 / size];
-        let next = |axis: usize, cell: i64| {
-            if along[axis] > 0.0 {
-                ((cell + 1) as f64 - place[axis]) / along[axis]
-            } else if along[axis] < 0.0 {
-                (cell as f64 - place[axis]) / along[axis]
-            } else {
-                f64::INFINITY
-            }
-        };
-        let step = along.map(|part| if part > 0.0 { 1 } else { -1 });
-        let span = along.map(|part| 1.0 / part.abs());
-        let (mut to_column, mut to_row) = (next(0, column), next(1, row));
-        // Rounding could miss the last cell; no beam crosses more borders than this.
-        let borders = (last.0 - row).abs() + (last.1 - column).abs();
-        let change = -self.levels.miss;
-        let length = along[0].hypot(along[1]).max(1e-9);
+        let size = self.params.cell_size_m;
+        // Rows run south: places in units of cells, x right, y down.
         let ray = Ray {
-            from: place,
-            toward: along.map(|part| part / length),
+            from: [from.0 / size, -from.1 / size],
+            to: [to.0 / size, -to.1 / size],
             half_rad,
             doubt: self.doubt.place_m / size,
             doubt_rad: self.doubt.heading_rad,
         };
-        for _ in 0..borders {
-            // A beam that has left the window does not come back.
-            if !is_inside && !self.holds((row, column)) {
-                return;
-            }
-            let index = self.wrapped((row, column));
-            let evident = &self.evidence[index];
-            // Near the sensor most cells have counted in this scan already.
-            if evident.scan != self.scan {
-                let is_told = evident.level <= 0 || self.certainty[index] == UNSEEN || {
-                    matches!(self.params.evidence, Evidence::Himm { .. }) || ray.passes((row, column), evident.hits)
-                };
-                if is_told {
-                    self.count(index, (row, column), change);
-                }
-            }
-            if to_column < to_row {
-                column += step[0];
-                to_column += span[0];
-            } else {
-                row += step[1];
-                to_row += span[1];
+        let half = self.side / 2;
+        let window = Window {
+            first: (self.middle.0 - half, self.middle.1 - half),
+            last: (self.middle.0 + half, self.middle.1 + half),
+            shift: self.shift,
+        };
+        let mut unsure = std::mem::take(&mut self.unsure);
+        unsure.clear();
+        ray.each_unsure(&window, &self.counts, |index| unsure.push(index));
+        let is_himm = matches!(self.params.evidence, Evidence::Himm { .. });
+        for &index in &unsure {
+            let (count, cell) = (self.counts.get(index), window.cell(index));
+            if count.scan != self.scan && (count.level <= 0 || is_himm || ray.passes(cell, self.met[index].hits)) {
+                self.count(index, cell, -self.levels.miss);
             }
         }
+        self.unsure = unsure;
     }
 
     fn count(&mut self, index: usize, cell: (i64, i64), change: i16) {
-        let evident = &mut self.evidence[index];
-        if evident.scan == self.scan {
+        let before = self.counts.get(index);
+        if before.scan == self.scan {
             return;
         }
-        evident.scan = self.scan;
-        let before = self.certainty[index];
-        let level = if before == UNSEEN { 0 } else { evident.level };
-        evident.level = (level + change).clamp(self.levels.low, self.levels.high);
-        let after = self.levels.certainty(evident.level);
-        if after != before {
+        let level = (before.known_level() + change).clamp(self.levels.low, self.levels.high);
+        self.counts.set(index, Count { level, scan: self.scan });
+        let after = self.levels.certainty(level);
+        if after != self.certainty[index] {
             self.certainty[index] = after;
             self.changed.push(cell);
         }
@@ -381,14 +369,14 @@ impl CertaintyGrid {
         let size = self.params.cell_size_m;
         let [right, down] = self
             .index(cell)
-            .map_or([128; 2], |index| self.evidence[index].part)
+            .map_or([128; 2], |index| self.met[index].part)
             .map(|part| (f64::from(part) + 0.5) / 256.0);
         ((cell.1 as f64 + right) * size, -(cell.0 as f64 + down) * size)
     }
 
     /// In which of the eight by eight parts of a cell something was met, since the cell was last free.
     pub(crate) fn parts_met(&self, cell: (i64, i64)) -> u64 {
-        self.index(cell).map_or(0, |index| self.evidence[index].hits)
+        self.index(cell).map_or(0, |index| self.met[index].hits)
     }
 
     /// Whether something was met at a place, to the part of its cell, and often enough for a certainty.
@@ -429,7 +417,8 @@ impl CertaintyGrid {
             let (x_m, y_m) = self.centre_m(cell);
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
             if (cos * dx + sin * dy).abs() <= half_length_m && (cos * dy - sin * dx).abs() <= half_width_m {
-                self.evidence[index] = Evident::default();
+                self.counts.set(index, Count { level: 0, scan: 0 });
+                self.met[index] = Met::default();
                 self.certainty[index] = self.levels.certainty(0);
                 self.changed.push(cell);
             }
@@ -439,9 +428,12 @@ impl CertaintyGrid {
     /// Sets a place to the greatest certainty, as when the robot has felt an obstacle.
     pub fn stamp(&mut self, x_m: f64, y_m: f64) {
         if let Some(index) = self.index(self.lattice(x_m, y_m)) {
-            self.evidence[index].level = self.levels.high;
-            self.evidence[index].part = [128; 2];
-            self.evidence[index].hits |= bit_of([128; 2]);
+            let count = self.counts.get(index);
+            let level = self.levels.high;
+            self.counts.set(index, Count { level, ..count });
+            let met = &mut self.met[index];
+            met.part = [128; 2];
+            met.hits |= bit_of(met.part);
             self.certainty[index] = self.levels.certainty(self.levels.high);
         }
     }
@@ -553,7 +545,7 @@ impl CertaintyGrid {
     }
 
     fn wrapped(&self, (row, column): (i64, i64)) -> usize {
-        ((row & self.mask) * (self.mask + 1) + (column & self.mask)) as usize
+        ((row & self.mask) << self.shift | column & self.mask) as usize
     }
 
     fn index(&self, cell: (i64, i64)) -> Option<usize> {

@@ -153,6 +153,29 @@ proptest! {
     }
 
     #[test]
+    fn a_beam_that_leaves_the_window_crosses_its_cells_up_to_the_border(
+        x in -1.9f64..1.9, y in -1.9f64..1.9, heading in -PI..PI, range in 4.5f64..8.0,
+    ) {
+        let mut grid = grid(Evidence::himm(), f64::INFINITY);
+        let mut scan = beam(range);
+        scan.range_max_m = 10.0;
+        look(&mut grid, &Pose::level(x, y, heading), &scan);
+        let mut crossed: Vec<(i64, i64)> = Vec::new();
+        let cell_at = |along: f64| grid.lattice(x + along * heading.cos(), y + along * heading.sin());
+        // No farther than the window is wide.
+        let last = cell_at(4.1);
+        for part in 0..20_000 {
+            let cell = cell_at(4.1 * f64::from(part) / 20_000.0);
+            if crossed.last() != Some(&cell) && cell != last && grid.index(cell).is_some() {
+                crossed.push(cell);
+            }
+        }
+        prop_assert!(crossed.iter().all(|&cell| grid.certainty_of(cell) == Some(0)));
+        // A corner may be cut between two of the points.
+        prop_assert!(grid.seen().count() <= crossed.len() + 2);
+    }
+
+    #[test]
     fn no_scan_can_break_the_grid(
         ranges in prop::collection::vec(prop::num::f64::ANY, 0..50),
         x in -1e3f64..1e3, y in -1e3f64..1e3, heading in -10.0f64..10.0,
@@ -277,5 +300,73 @@ fn where_the_robot_stands_nothing_else_does_unless_it_was_met_there() {
         let known = grid.seen().count();
         grid.stand_on(&Pose::level(0.05, 0.05, quarter_rad), 0.52, 0.22);
         assert_eq!((grid.changed().len(), grid.seen().count()), (0, known));
+    }
+}
+
+/// Cells by which a straight line passes from border to border, all but the last (Amanatides and Woo 1987).
+fn crossed(grid: &CertaintyGrid, from: (f64, f64), to: (f64, f64)) -> Vec<(i64, i64)> {
+    let (mut cell, last) = (grid.lattice(from.0, from.1), grid.lattice(to.0, to.1));
+    let size = grid.params.cell_size_m;
+    let along = [(from.1 - to.1) / size, (to.0 - from.0) / size];
+    let place = [-from.1 / size, from.0 / size];
+    let mut found = Vec::new();
+    while cell != last && found.len() < 1000 {
+        found.push(cell);
+        let border = |axis: usize, cell: i64| {
+            let border = if along[axis] > 0.0 { cell + 1 } else { cell };
+            (border as f64 - place[axis]) / along[axis]
+        };
+        if border(0, cell.0) < border(1, cell.1) {
+            cell.0 += along[0].signum() as i64;
+        } else {
+            cell.1 += along[1].signum() as i64;
+        }
+    }
+    found
+}
+
+proptest! {
+    #[test]
+    fn scans_count_as_if_every_cell_of_every_beam_was_looked_at(
+        looks in prop::collection::vec(
+            (-1.9f64..1.9, -1.9f64..1.9, -PI..PI, prop::collection::vec(prop_oneof![1 => 0.2f64..4.0, 2 => Just(9.0)], 20..90)),
+            1..14,
+        ),
+        is_himm: bool,
+    ) {
+        let evidence = if is_himm { Evidence::himm() } else { Evidence::default() };
+        let mut grid = grid(evidence, f64::INFINITY);
+        let half = grid.side / 2;
+        let (row, column) = grid.middle;
+        let cells = || (row - half..=row + half).flat_map(|row| (column - half..=column + half).map(move |column| (row, column)));
+        let mut levels: std::collections::HashMap<(i64, i64), i16> = std::collections::HashMap::new();
+        for (x_m, y_m, heading_rad, ranges_m) in looks {
+            let pose = Pose::level(x_m, y_m, heading_rad);
+            let fan = Scan { ranges_m, angle_increment_rad: 0.07, ..beam(1.0) };
+            look(&mut grid, &pose, &fan);
+            // Log-odds look at the parts of cells too: what was met keeps them open, and only then.
+            let met: Vec<(i64, i64)> = cells().filter(|&cell| grid.parts_met(cell) > 0).collect();
+            let ends: Vec<((f64, f64), bool)> = (0..fan.ranges_m.len())
+                .filter_map(|beam| {
+                    let told = fan.beam(beam);
+                    let end = fan.end_of(beam, told.range_m()?.min(4.1), &pose);
+                    Some(((end.x_m, end.y_m), matches!(told, Return::Obstacle { .. })))
+                })
+                .collect();
+            let hits: std::collections::BTreeSet<_> =
+                ends.iter().filter(|end| end.1).map(|end| grid.lattice(end.0.0, end.0.1)).collect();
+            let passed: std::collections::BTreeSet<_> =
+                ends.iter().flat_map(|end| crossed(&grid, (x_m, y_m), end.0)).filter(|cell| !hits.contains(cell)).collect();
+            for (&cell, change) in hits.iter().map(|cell| (cell, grid.levels.hit)).chain(passed.iter().map(|cell| (cell, -grid.levels.miss))) {
+                let level = levels.entry(cell).or_insert(0);
+                *level = (*level + change).clamp(grid.levels.low, grid.levels.high);
+            }
+            for cell in cells() {
+                let expected = levels.get(&cell).map(|&level| grid.levels.certainty(level));
+                if is_himm || !met.contains(&cell) {
+                    prop_assert_eq!(grid.certainty_of(cell), expected, "{:?}", cell);
+                }
+            }
+        }
     }
 }
