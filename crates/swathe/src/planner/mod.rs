@@ -13,6 +13,7 @@ mod kernel;
 mod lazy_astar;
 mod path_kind;
 mod plan;
+mod queue;
 mod radix_heap;
 mod refine;
 mod refusal;

@@ -17,7 +17,6 @@
 
 mod cells;
 mod ground;
-mod queue;
 mod scout;
 mod settle;
 #[cfg(test)]
@@ -27,8 +26,8 @@ use crate::grid::{Cell, GridGeometry, Step};
 use crate::progress::Report;
 
 use super::PlannerError;
+use super::queue::Queue;
 use super::search::{Search, StepGraph};
-use queue::Queue;
 use settle::Ended;
 
 pub use cells::ChangingCells;
@@ -58,6 +57,9 @@ pub const REPAIR_SHARE: f64 = 0.2;
 
 /// Bits of the infinite cost. State is stored xored with it, so that memory that was never touched means infinite.
 const INFINITE: u64 = f64::INFINITY.to_bits();
+
+/// Cells, one after the other in a row, that are forgotten together.
+const BLOCK: usize = 64;
 
 /// Mark of a cell: its step towards the goal plus one, 0 when there is none.
 const STEP: u8 = 0x1f;
@@ -102,6 +104,9 @@ pub struct Repair {
     /// Settled and promised cost of every cell: bits xored with those of infinity.
     costs: Vec<[u64; 2]>,
     marks: Vec<u8>,
+    /// The blocks of cells in which something was promised, and whether each is among them.
+    used: Vec<u32>,
+    is_used: Vec<bool>,
     /// How far the index of a cell is from that of the cell where a step leads.
     offsets: Vec<isize>,
     queue: Queue,
@@ -149,6 +154,8 @@ impl Repair {
             share: REPAIR_SHARE,
             costs: Vec::new(),
             marks: Vec::new(),
+            used: Vec::new(),
+            is_used: Vec::new(),
             offsets: graph.steps().iter().map(|step| offset(&geometry, *step)).collect(),
             queue: Queue::new(),
             touched: Vec::new(),
@@ -290,9 +297,21 @@ impl Repair {
     /// Forgets all that was searched.
     fn forget(&mut self) {
         let cells = self.geometry.cell_count();
-        // Zeroed memory comes from the system untouched, so this costs what is used of it later.
-        self.costs = vec![[0; 2]; cells];
-        self.marks = vec![0; cells];
+        if self.used.len() * BLOCK < cells / 4 && self.costs.len() == cells {
+            for block in self.used.drain(..) {
+                let first = block as usize * BLOCK;
+                let end = (first + BLOCK).min(cells);
+                self.costs[first..end].fill([0; 2]);
+                self.marks[first..end].fill(0);
+                self.is_used[block as usize] = false;
+            }
+        } else {
+            // Zeroed memory comes from the system untouched, so this costs what is used of it later.
+            self.costs = vec![[0; 2]; cells];
+            self.marks = vec![0; cells];
+            self.is_used = vec![false; cells.div_ceil(BLOCK)];
+            self.used.clear();
+        }
         let mut none = Vec::new();
         self.queue.empty_into(&mut none);
         let goal = self.geometry.index(self.goal);
@@ -429,7 +448,13 @@ impl Repair {
         self.costs[index][0] = cost ^ INFINITE;
     }
 
+    /// Nothing else of a cell is set before.
     fn set_promised(&mut self, index: usize, cost: u64) {
+        let block = index / BLOCK;
+        if !self.is_used[block] {
+            self.is_used[block] = true;
+            self.used.push(block as u32);
+        }
         self.costs[index][1] = cost ^ INFINITE;
     }
 }

@@ -1,7 +1,5 @@
 //! The search of a repair: from open cells until the robot's cost is right.
 
-use std::collections::HashSet;
-
 use crate::grid::{Cell, Step};
 use crate::progress::Report;
 
@@ -119,7 +117,9 @@ impl Repair {
                 break Ended::Settled;
             }
             // A look ahead that ended well has found a way.
-            if best.is_infinite() && !looked_around && !self.scouted {
+            // A search from nothing mostly ends sooner than that; a repair spoils less when it is not begun.
+            let is_worth = !self.afresh || self.effort >= POCKET_CELLS as u64;
+            if best.is_infinite() && is_worth && !looked_around && !self.scouted {
                 looked_around = true;
                 if self.is_enclosed(graph) {
                     self.queue.push(key, index);
@@ -292,7 +292,8 @@ impl Repair {
                 let cell = Cell::new(row, column);
                 let settled = f64::from_bits(self.values(self.geometry.index(cell))[0]);
                 all += 1.0;
-                if settled.is_finite() && settled + graph.least(self.start, cell) <= best {
+                // Most cells lie farther from the goal than the robot.
+                if settled.is_finite() && settled <= best && settled + graph.least(self.start, cell) <= best {
                     within += 1.0;
                 }
             }
@@ -304,30 +305,41 @@ impl Repair {
     }
 
     /// Whether no way leads out of a few cells around the robot, and the goal is not among them.
-    fn is_enclosed(&self, graph: &impl ChangingGraph) -> bool {
-        let mut reached = HashSet::from([self.start]);
-        let mut open = vec![self.start];
-        while let Some(here) = open.pop() {
+    fn is_enclosed(&mut self, graph: &impl ChangingGraph) -> bool {
+        let start = self.geometry.index(self.start);
+        self.marks[start] |= LISTED;
+        let mut reached = vec![start];
+        let mut at = 0;
+        let mut is_pocket = true;
+        while is_pocket && let Some(&index) = reached.get(at) {
+            at += 1;
+            let here = self.geometry.cell(index);
             for (k, step) in graph.steps().iter().enumerate() {
                 let Some(next) = step.from(&self.geometry, here) else {
                     continue;
                 };
-                if !reached.contains(&next) && graph.edge_cost(here, k).is_finite() {
+                let index = self.geometry.index(next);
+                if self.marks[index] & LISTED == 0 && graph.edge_cost(here, k).is_finite() {
                     if next == self.goal || reached.len() == POCKET_CELLS {
-                        return false;
+                        is_pocket = false;
+                        break;
                     }
-                    reached.insert(next);
-                    open.push(next);
+                    self.marks[index] |= LISTED;
+                    reached.push(index);
                 }
             }
         }
-        true
+        for index in reached {
+            self.marks[index] &= !LISTED;
+        }
+        is_pocket
     }
 }
 
 /// The step that leads back, among as many as turn around a cell.
 fn opposite(step: usize, steps: usize) -> usize {
-    (step + steps / 2) % steps
+    let half = steps / 2;
+    if step < half { step + half } else { step - half }
 }
 
 /// The cell where a step leads that is known to stay on the map.

@@ -297,6 +297,39 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn what_a_plan_from_nothing_forgets_leaves_nothing_behind(
+        goal in (0usize..120, 0usize..120), away in (-9i32..=9, -9i32..=9),
+        changes in prop::collection::vec(((-9i32..=9, -9i32..=9), prop_oneof![Just(CLOSED), Just(1.0), 1.0..4.0_f64]), 1..12),
+    ) {
+        let geometry = GridGeometry::new(120, 120, 1.0, 0.0, 0.0).unwrap();
+        let goal = Cell::new(goal.0, goal.1);
+        let start = geometry.offset(goal, away.0, away.1).unwrap_or(goal);
+        let costs = Layer::filled(geometry, 1.0);
+        let mut graph = ChangingCells::new(costs.view(), goal, 8, Corners::Keep).unwrap();
+        let mut repair = Repair::new(&graph, start, goal).unwrap().with_share(0.0);
+        repair.path(&graph, &mut silent());
+        for ((rows, columns), cost) in changes {
+            let Some(cell) = geometry.offset(goal, rows, columns).filter(|&cell| cell != goal) else {
+                continue;
+            };
+            graph.change([(cell, cost)]).unwrap();
+            repair.update(&graph, [cell]);
+            let mut fresh = Repair::new(&graph, start, goal).unwrap();
+            let found = repair.path(&graph, &mut silent());
+            prop_assert_eq!(&found, &fresh.path(&graph, &mut silent()));
+            if found == Search::Unreachable {
+                // That search is not at its end.
+                break;
+            }
+            prop_assert!(repair.costs == fresh.costs && repair.marks == fresh.marks);
+        }
+    }
+}
+
 /// A world as text: '#' closed, a digit its cost per metre, 's' and 'g' cost 1.
 fn world(rows: &[&str]) -> (ChangingCells, Cell, Cell) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 1.0, 0.0, 0.0).unwrap();

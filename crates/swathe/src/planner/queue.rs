@@ -1,13 +1,16 @@
-//! The open cells of a repair, by the bits of a cost.
+//! Cells by the bits of a cost: a monotone priority queue, exact, without a bucket width to choose.
 //!
-//! A radix heap as in the search from scratch, with two differences: it can be emptied to be keyed anew, which is how a
-//! move of the robot and changed costs enter, and then it may begin below what it gave last.
+//! Source: Ahuja, Mehlhorn, Orlin, Tarjan, "Faster algorithms for the shortest path problem", J. ACM 37 (1990), in the
+//! form with one bucket per highest differing bit of the key. It can be emptied to be keyed anew, which is how a move of the robot
+//! and changed costs enter a repair, and then it may begin below what it gave last.
 
 /// Cells ordered by a key that never falls below the last one taken since the queue was last emptied.
 #[derive(Clone, Debug)]
 pub(super) struct Queue {
     /// By the highest bit in which a key differs from the last one taken.
     buckets: Vec<Vec<(u64, u32)>>,
+    /// Which buckets but the first hold something: bit 0 is that of bucket 1.
+    filled: u64,
     last: u64,
 }
 
@@ -15,24 +18,36 @@ impl Queue {
     pub(super) fn new() -> Self {
         Self {
             buckets: vec![Vec::new(); 65],
+            filled: 0,
             last: 0,
         }
     }
 
     /// Adds a cell. Keys that rounding put below the last one taken count as equal to it.
     pub(super) fn push(&mut self, key: u64, cell: u32) {
-        let key = key.max(self.last);
-        self.buckets[Self::bucket(key, self.last)].push((key, cell));
+        self.file(key.max(self.last), cell);
+    }
+
+    fn file(&mut self, key: u64, cell: u32) {
+        let bucket = Self::bucket(key, self.last);
+        if bucket > 0 {
+            self.filled |= 1 << (bucket - 1);
+        }
+        self.buckets[bucket].push((key, cell));
     }
 
     /// Takes a cell of least key.
     pub(super) fn pop(&mut self) -> Option<(u64, u32)> {
         if self.buckets[0].is_empty() {
-            let lowest = self.buckets.iter().position(|bucket| !bucket.is_empty())?;
+            if self.filled == 0 {
+                return None;
+            }
+            let lowest = self.filled.trailing_zeros() as usize + 1;
+            self.filled &= self.filled - 1;
             let mut entries = std::mem::take(&mut self.buckets[lowest]);
             self.last = entries.iter().map(|entry| entry.0).min()?;
             for &(key, cell) in &entries {
-                self.buckets[Self::bucket(key, self.last)].push((key, cell));
+                self.file(key, cell);
             }
             entries.clear();
             self.buckets[lowest] = entries;
@@ -45,7 +60,7 @@ impl Queue {
         for bucket in &mut self.buckets {
             cells.extend(bucket.drain(..).map(|entry| entry.1));
         }
-        self.last = 0;
+        (self.filled, self.last) = (0, 0);
     }
 
     fn bucket(key: u64, last: u64) -> usize {
