@@ -297,7 +297,7 @@ impl Laser {
 
     fn meet_ground(&self, world: &World, sight: &Sight, ranges_m: &mut [f64]) {
         for (beam, range_m) in ranges_m.iter_mut().enumerate() {
-            let ray = sight.ray(self.body_rad(beam));
+            let ray = sight.ray(sight.beams[beam]);
             if let Some(hit) = world.relief().hit_m(&ray, self.range_max_m) {
                 *range_m = hit;
             }
@@ -335,7 +335,7 @@ impl Laser {
                 angles[0]
             };
             self.each_beam(from, span, |beam| {
-                let [x, y, up] = sight.ray(self.body_rad(beam)).direction;
+                let [x, y, up] = sight.ray(sight.beams[beam]).direction;
                 let (square, along) = (x * x + y * y, x * dx + y * dy);
                 let rest = along * along - square * (distance_m * distance_m - radius_m * radius_m);
                 if rest < 0.0 || square == 0.0 {
@@ -360,7 +360,7 @@ impl Laser {
             let span = wrap(b.1.atan2(b.0) - a.1.atan2(a.0));
             let from = if span > 0.0 { a.1.atan2(a.0) } else { b.1.atan2(b.0) };
             self.each_beam(from, span.abs(), |beam| {
-                let (sin, cos) = self.body_rad(beam).sin_cos();
+                let (sin, cos) = sight.beams[beam];
                 let across = cos * ey - sin * ex;
                 if across == 0.0 {
                     return;
@@ -406,6 +406,8 @@ struct Sight {
     heading: (f64, f64),
     pitch: (f64, f64),
     roll: (f64, f64),
+    /// The same of the direction of every beam in the body.
+    beams: Vec<(f64, f64)>,
 }
 
 impl Sight {
@@ -416,6 +418,7 @@ impl Sight {
             heading: body.heading_rad.sin_cos(),
             pitch: body.pitch_rad.sin_cos(),
             roll: body.roll_rad.sin_cos(),
+            beams: (0..laser.beams).map(|beam| laser.body_rad(beam).sin_cos()).collect(),
         };
         // The mount, its height included, turns with the body.
         let (x, y, up) = (laser.mount.x_m, laser.mount.y_m, laser.height_m);
@@ -435,9 +438,8 @@ impl Sight {
         sp * cos + cp * sr * sin
     }
 
-    /// The line of a beam by its direction in the body.
-    fn ray(&self, body_rad: f64) -> Ray {
-        let (sin, cos) = body_rad.sin_cos();
+    /// The line of a beam by sine and cosine of its direction in the body.
+    fn ray(&self, (sin, cos): (f64, f64)) -> Ray {
         let ((sp, cp), (sr, cr)) = (self.pitch, self.roll);
         let (ahead, left) = (cp * cos - sp * sr * sin, cr * sin);
         let (sh, ch) = self.heading;

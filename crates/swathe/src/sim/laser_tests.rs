@@ -241,12 +241,12 @@ proptest! {
         let ranges = still(&world, &laser, &body);
         let sight = Sight::new(&laser, &body, 0.0);
         for (beam, range_m) in ranges.iter().enumerate() {
-            let [dx, dy, _] = sight.ray(laser.body_rad(beam)).direction;
+            let [dx, dy, _] = sight.ray(laser.body_rad(beam).sin_cos()).direction;
             let expected = shapes.iter().map(|shape| by_force(shape, sight.at, (dx, dy))).fold(f64::INFINITY, f64::min);
             if expected < 30.0 && (range_m - expected).abs() > 1e-6 {
                 // A beam along a tangent or through a corner may see or miss it; a neighbour a hair aside then agrees.
                 let aside: Vec<f64> = [-1e-9, 1e-9].into_iter().map(|turn| {
-                    let [dx, dy, _] = sight.ray(laser.body_rad(beam) + turn).direction;
+                    let [dx, dy, _] = sight.ray((laser.body_rad(beam) + turn).sin_cos()).direction;
                     shapes.iter().map(|shape| by_force(shape, sight.at, (dx, dy))).fold(f64::INFINITY, f64::min)
                 }).collect();
                 prop_assert!(aside.iter().any(|other| (range_m - other).abs() < 1e-3), "beam {beam}: {range_m} {expected}");
@@ -258,7 +258,7 @@ proptest! {
     fn rotation_by_attitude_keeps_lengths(h in -4.0f64..4.0, p in -1.0f64..1.0, r in -1.0f64..1.0, beam in -4.0f64..4.0) {
         let laser = Laser::sick_lms200(false, false);
         let sight = Sight::new(&laser, &Pose { x_m: 0.0, y_m: 0.0, heading_rad: h, pitch_rad: p, roll_rad: r }, 0.0);
-        let [x, y, z] = sight.ray(beam).direction;
+        let [x, y, z] = sight.ray(beam.sin_cos()).direction;
         prop_assert!((x * x + y * y + z * z - 1.0).abs() < 1e-12);
         let (cos, sin) = sight.seen(x, y);
         prop_assert!((cos - beam.cos()).abs() < 1e-9 && (sin - beam.sin()).abs() < 1e-9);

@@ -84,6 +84,14 @@ impl Relief {
         let end = range_max_m.min(u_out).min(v_out);
         let mut t = u_in.max(v_in).max(0.0);
         let top = self.levels.len() - 1;
+        let highest = self.levels[top]
+            .greatest_m
+            .first()
+            .copied()
+            .map_or(f64::INFINITY, f64::from);
+        if z0 + dz * if dz < 0.0 { end } else { t } > highest {
+            return None;
+        }
         let mut level = top.min(1);
         while t < end {
             let ahead = t + NUDGE_M;
