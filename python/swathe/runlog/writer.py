@@ -40,6 +40,9 @@ _JSON = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=Fa
 MOST_CERTAIN = 15
 #: What stands for a cell that was never seen.
 UNSEEN = 255
+#: ROS's occupancy of every certainty: to 100, and -1 where nothing is known.
+_OCCUPANCY = np.full(UNSEEN + 1, -1, np.int8)
+_OCCUPANCY[: MOST_CERTAIN + 1] = np.rint(np.arange(MOST_CERTAIN + 1) * (100 / MOST_CERTAIN))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -323,10 +326,8 @@ def _map_body(window: CertaintyMap) -> bytes:
     message["resolution"], message["width"], message["height"] = window.cell_size_m, width, height
     message["position"] = (window.west_m, window.north_m - height * window.cell_size_m, 0.0)
     message["orientation"] = (0.0, 0.0, 0.0, 1.0)
-    # ROS counts rows from the south and occupancy to 100; -1 is not known.
-    certainty = window.certainty[::-1]
-    occupancy = np.where(certainty == UNSEEN, -1.0, np.rint(certainty * (100 / MOST_CERTAIN)))
-    message["data"] = occupancy.astype(np.int8).ravel()
+    # ROS counts rows from the south.
+    message["data"] = _OCCUPANCY[window.certainty[::-1]].ravel()
     return message.tobytes()
 
 

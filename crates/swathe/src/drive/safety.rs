@@ -85,7 +85,7 @@ impl Surroundings {
         let (sin, cos) = pose.heading_rad.sin_cos();
         for Position { x_m, y_m } in places {
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
-            if dx.hypot(dy) > reach_m || grid.is_met_at(x_m, y_m, sure) {
+            if dx * dx + dy * dy > reach_m * reach_m || grid.is_met_at(x_m, y_m, sure) {
                 continue;
             }
             self.push(shape, (cos * dx + sin * dy, cos * dy - sin * dx));
@@ -121,7 +121,7 @@ impl Surroundings {
             .points
             .iter()
             .zip(&self.margins)
-            .filter(|&(&(x, y), _)| x.hypot(y) < hull_m)
+            .filter(|&(&(x, y), _)| x * x + y * y < hull_m * hull_m)
             .map(|(&(x, y), &margin_m)| {
                 let beyond_m = (x.abs() - shape.half_length_m).max(y.abs() - shape.half_width_m);
                 // What is nearer already may stay as near.
@@ -220,7 +220,7 @@ impl Surroundings {
         let steps = (reach_m / step_m).ceil() as usize;
         // Only obstacles that the footprint's circle can reach on this way.
         let hull = shape.radius_m + self.margin_m + reach_m;
-        let near = |&&((x, y), _): &&((f64, f64), f64)| x.hypot(y) <= hull;
+        let near = |&&((x, y), _): &&((f64, f64), f64)| x * x + y * y <= hull * hull;
         let obstacles: Vec<((f64, f64), f64)> = self.points.iter().copied().zip(self.margins.iter().copied()).collect();
         let obstacles: Vec<((f64, f64), f64)> = obstacles.iter().filter(near).copied().collect();
         for k in 1..=steps {

@@ -108,7 +108,7 @@ impl Past {
     /// What the beams next to a place tell of it.
     fn tells(&self, (x_m, y_m): (f64, f64)) -> Told {
         let (dx, dy) = (x_m - self.sensor.x_m, y_m - self.sensor.y_m);
-        let away_m = dx.hypot(dy);
+        let away_m = (dx * dx + dy * dy).sqrt();
         let off_rad = wrap(dy.atan2(dx) - self.sensor.heading_rad - self.angle_min_rad);
         let turn = std::f64::consts::TAU;
         let count = self.beams.len() as f64;
@@ -348,8 +348,9 @@ impl Tracks {
             let (sin, cos) = bearing_rad.sin_cos();
             let (x_m, y_m) = (now.sensor.x_m + range_m * cos, now.sensor.y_m + range_m * sin);
             if let Some(&(_, last_x_m, last_y_m, _)) = points.last() {
-                let apart_m = (x_m - last_x_m).hypot(y_m - last_y_m);
-                if apart_m > ONE_M.max(ONE_BEAMS * range_m * now.angle_increment_rad.abs()) {
+                let (dx, dy) = (x_m - last_x_m, y_m - last_y_m);
+                let one_m = ONE_M.max(ONE_BEAMS * range_m * now.angle_increment_rad.abs());
+                if dx * dx + dy * dy > one_m * one_m {
                     end(&mut points);
                 }
             }
