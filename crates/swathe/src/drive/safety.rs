@@ -85,7 +85,7 @@ impl Surroundings {
         let (sin, cos) = pose.heading_rad.sin_cos();
         for Position { x_m, y_m } in places {
             let (dx, dy) = (x_m - pose.x_m, y_m - pose.y_m);
-            if dx * dx + dy * dy > reach_m * reach_m || grid.is_met_at(x_m, y_m, sure) {
+            if !is_within((dx, dy), reach_m) || grid.is_met_at(x_m, y_m, sure) {
                 continue;
             }
             self.push(shape, (cos * dx + sin * dy, cos * dy - sin * dx));
@@ -121,7 +121,7 @@ impl Surroundings {
             .points
             .iter()
             .zip(&self.margins)
-            .filter(|&(&(x, y), _)| x * x + y * y < hull_m * hull_m)
+            .filter(|&(&point, _)| is_within(point, hull_m))
             .map(|(&(x, y), &margin_m)| {
                 let beyond_m = (x.abs() - shape.half_length_m).max(y.abs() - shape.half_width_m);
                 // What is nearer already may stay as near.
@@ -220,7 +220,7 @@ impl Surroundings {
         let steps = (reach_m / step_m).ceil() as usize;
         // Only obstacles that the footprint's circle can reach on this way.
         let hull = shape.radius_m + self.margin_m + reach_m;
-        let near = |&&((x, y), _): &&((f64, f64), f64)| x * x + y * y <= hull * hull;
+        let near = |&&(point, _): &&((f64, f64), f64)| is_within(point, hull);
         let obstacles: Vec<((f64, f64), f64)> = self.points.iter().copied().zip(self.margins.iter().copied()).collect();
         let obstacles: Vec<((f64, f64), f64)> = obstacles.iter().filter(near).copied().collect();
         for k in 1..=steps {
@@ -277,6 +277,11 @@ impl Surroundings {
         }
         wanted_rad
     }
+}
+
+/// Whether a place is no farther away than some metres; in squares, for this is asked of every place in every step.
+fn is_within((x_m, y_m): (f64, f64), reach_m: f64) -> bool {
+    x_m * x_m + y_m * y_m <= reach_m * reach_m
 }
 
 /// Place and turn after some metres of an arc.

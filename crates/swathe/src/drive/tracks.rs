@@ -108,6 +108,7 @@ impl Past {
     /// What the beams next to a place tell of it.
     fn tells(&self, (x_m, y_m): (f64, f64)) -> Told {
         let (dx, dy) = (x_m - self.sensor.x_m, y_m - self.sensor.y_m);
+        // For every point of a scan and every earlier scan, so not by the slower hypot.
         let away_m = (dx * dx + dy * dy).sqrt();
         let off_rad = wrap(dy.atan2(dx) - self.sensor.heading_rad - self.angle_min_rad);
         let turn = std::f64::consts::TAU;

@@ -103,6 +103,7 @@ pub struct CertaintyGrid {
     /// Cells along the sides of what is kept, less one: a power of two less one, so that rows and columns wrap around by
     /// a mask and moving on copies nothing.
     mask: i64,
+    /// Bits of a column in the index of a cell.
     shift: u32,
     counts: Counts,
     /// Where in every cell something was met.
@@ -189,7 +190,8 @@ impl CertaintyGrid {
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        self.forget(0..self.certainty.len());
+        self.certainty.fill(UNSEEN);
+        self.counts = Counts::new(self.shift, self.levels.low);
     }
 
     fn forget(&mut self, cells: std::ops::Range<usize>) {
@@ -311,17 +313,27 @@ impl CertaintyGrid {
         // Hits are counted before, so that they win.
         let start = (sensor.x_m, sensor.y_m);
         let half_rad = 0.5 * scan.angle_increment_rad.abs();
-        for &end in &ends {
-            self.cross(start, end, half_rad);
+        if self.holds(self.lattice(start.0, start.1)) {
+            let window = self.window();
+            for &end in &ends {
+                self.cross(&window, start, end, half_rad);
+            }
         }
         self.ends = ends;
     }
 
-    /// Counts the cells that a beam crossed, all but the last, nearest first; `half_rad` is half the angle to the next beam.
-    fn cross(&mut self, from: (f64, f64), to: (f64, f64), half_rad: f64) {
-        if !self.holds(self.lattice(from.0, from.1)) {
-            return;
+    fn window(&self) -> Window {
+        let half = self.side / 2;
+        Window {
+            first: (self.middle.0 - half, self.middle.1 - half),
+            last: (self.middle.0 + half, self.middle.1 + half),
+            shift: self.shift,
         }
+    }
+
+    /// Counts the cells of the window that a beam from one of them crossed, all but the last, nearest first; `half_rad` is half the
+    /// angle to the next beam.
+    fn cross(&mut self, window: &Window, from: (f64, f64), to: (f64, f64), half_rad: f64) {
         let size = self.params.cell_size_m;
         // Rows run south: places in units of cells, x right, y down.
         let ray = Ray {
@@ -331,15 +343,9 @@ impl CertaintyGrid {
             doubt: self.doubt.place_m / size,
             doubt_rad: self.doubt.heading_rad,
         };
-        let half = self.side / 2;
-        let window = Window {
-            first: (self.middle.0 - half, self.middle.1 - half),
-            last: (self.middle.0 + half, self.middle.1 + half),
-            shift: self.shift,
-        };
         let mut unsure = std::mem::take(&mut self.unsure);
         unsure.clear();
-        ray.each_unsure(&window, &self.counts, |index| unsure.push(index));
+        ray.each_unsure(window, &self.counts, |index| unsure.push(index));
         let is_himm = matches!(self.params.evidence, Evidence::Himm { .. });
         for &index in &unsure {
             let (count, cell) = (self.counts.get(index), window.cell(index));

@@ -13,7 +13,6 @@ mod kernel;
 mod lazy_astar;
 mod path_kind;
 mod plan;
-mod queue;
 mod radix_heap;
 mod refine;
 mod refusal;

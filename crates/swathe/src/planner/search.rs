@@ -10,7 +10,7 @@ use crate::grid::{Cell, GridGeometry, Step};
 use crate::progress::Report;
 
 use super::kernel::Buckets;
-use super::radix_heap::RadixHeap;
+use super::radix_heap::CostHeap;
 
 /// Expansions between two reports.
 const EXPANSIONS_PER_REPORT: u64 = 1 << 16;
@@ -149,7 +149,7 @@ trait Queue {
 
 /// A queue in full order: every cell has a turn of its own.
 struct Ordered {
-    heap: RadixHeap,
+    heap: CostHeap,
     turn: u64,
 }
 
@@ -211,7 +211,7 @@ fn settle(
         };
         settle_by(queue, graph, start, goal, costs, report)
     } else {
-        let (heap, turn) = (RadixHeap::new(), 0);
+        let (heap, turn) = (CostHeap::new(), 0);
         settle_by(Ordered { heap, turn }, graph, start, goal, costs, report)
     }
 }

@@ -296,8 +296,8 @@ impl Laser {
     }
 
     fn meet_ground(&self, world: &World, sight: &Sight, ranges_m: &mut [f64]) {
-        for (beam, range_m) in ranges_m.iter_mut().enumerate() {
-            let ray = sight.ray(sight.beams[beam]);
+        for (range_m, &beam) in ranges_m.iter_mut().zip(&sight.beams) {
+            let ray = sight.ray(beam);
             if let Some(hit) = world.relief().hit_m(&ray, self.range_max_m) {
                 *range_m = hit;
             }

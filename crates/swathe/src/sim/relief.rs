@@ -84,12 +84,9 @@ impl Relief {
         let end = range_max_m.min(u_out).min(v_out);
         let mut t = u_in.max(v_in).max(0.0);
         let top = self.levels.len() - 1;
-        let highest = self.levels[top]
-            .greatest_m
-            .first()
-            .copied()
-            .map_or(f64::INFINITY, f64::from);
-        if z0 + dz * if dz < 0.0 { end } else { t } > highest {
+        let lowest = |from: f64, to: f64| z0 + dz * if dz < 0.0 { to } else { from };
+        // Most beams of an upright robot pass above all ground; the top is one block.
+        if lowest(t, end) > f64::from(self.levels[top].greatest_m[0]) {
             return None;
         }
         let mut level = top.min(1);
@@ -104,8 +101,7 @@ impl Relief {
                 .min(border(v0, dv, row as f64 * span, span))
                 .max(ahead);
             let greatest = f64::from(pyramid.greatest_m[row * pyramid.columns + column]);
-            let lowest = z0 + dz * if dz < 0.0 { exit.min(end) } else { t };
-            if lowest > greatest {
+            if lowest(t, exit.min(end)) > greatest {
                 t = exit;
                 level = (level + 1).min(top);
             } else if level > 0 {

@@ -85,8 +85,14 @@ fn map(seed: u64) -> Region {
     }
 }
 
-/// Drives through the world of a seed for a number of steps at most; `call` is to take each of them.
-pub fn drive(seed: u64, has_map: bool, most_steps: u32, mut call: impl FnMut(&mut Navigator, &Observation) -> Command) {
+/// Drives through the world of a seed for a number of steps at most; `call` is given the navigator and what it observes, and returns
+/// its command. Returns the steps taken.
+pub fn drive(
+    seed: u64,
+    has_map: bool,
+    most_steps: u32,
+    mut call: impl FnMut(&mut Navigator, &Observation) -> Command,
+) -> u32 {
     let draw = |i: u32| philox([i, 0, 0, 0], seed).map(unit);
     let discs: Vec<[f64; 3]> = (0..40)
         .map(|i| [draw(i)[0] * 30.0, (draw(i)[1] - 0.5) * 30.0, 0.2 + 0.6 * draw(i)[2]])
@@ -118,11 +124,12 @@ pub fn drive(seed: u64, has_map: bool, most_steps: u32, mut call: impl FnMut(&mu
             },
         );
         if command.status == Status::Reached {
-            break;
+            return step + 1;
         }
         speed_mps = command.speed_mps;
         pose.heading_rad = wrap(pose.heading_rad + command.turn_rate_radps / 35.0);
         pose.x_m += speed_mps * pose.heading_rad.cos() / 35.0;
         pose.y_m += speed_mps * pose.heading_rad.sin() / 35.0;
     }
+    most_steps
 }

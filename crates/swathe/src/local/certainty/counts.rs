@@ -12,7 +12,7 @@ pub(super) const BLOCK_BITS: u32 = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Count {
     pub level: i16,
-    /// Number of the last scan that counted for it.
+    /// Number of the last scan that counted for it; beams that cross a surely free cell are not noted.
     pub scan: u16,
 }
 
@@ -68,11 +68,7 @@ impl Counts {
 
     /// Forgets cells that follow each other.
     pub fn forget(&mut self, cells: Range<usize>) {
-        if cells.len() == self.cells.len() {
-            *self = Self::new(self.shift, self.low);
-        } else {
-            cells.for_each(|index| self.set(index, Count::UNSEEN));
-        }
+        cells.for_each(|index| self.set(index, Count::UNSEEN));
     }
 
     /// Forgets which scans counted.
@@ -83,13 +79,13 @@ impl Counts {
     /// Whether a cell is as surely free as it can be.
     #[inline]
     pub fn is_free(&self, index: usize) -> bool {
-        self.cells.get(index).is_some_and(|count| count.level == self.low)
+        self.cells[index].level == self.low
     }
 
-    /// Whether all cells of the block are that in which a cell lies.
+    /// Whether all cells of the block in which a cell lies are surely free.
     #[inline]
     pub fn is_block_free(&self, index: usize) -> bool {
-        self.unsure.get(self.block(index)).is_some_and(|&unsure| unsure == 0)
+        self.unsure[self.block(index)] == 0
     }
 
     fn block(&self, index: usize) -> usize {

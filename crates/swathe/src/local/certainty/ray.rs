@@ -5,7 +5,7 @@ use super::counts::{BLOCK_BITS, Counts};
 /// Half the side of a part of a cell, in cells.
 const HALF_PART: f64 = 1.0 / 16.0;
 
-/// Bits of the fraction of a cell. Sums of such steps are off by less than a millionth of a cell over any window.
+/// Bits of the fraction of a cell. Sums of a thousand such steps are off by less than a millionth of a cell.
 const FRACTION_BITS: u32 = 32;
 
 /// Cells along the side of a block.
@@ -43,16 +43,22 @@ pub(super) struct Ray {
 }
 
 impl Ray {
-    /// Calls for the cells of a window that the beam crosses and that are not surely free, nearest first and all but the last; some
-    /// twice, and some that are surely free. It must begin in the window.
+    /// Calls for the cells of a window that the beam crosses, nearest first, all but surely free ones and the last; some are told twice,
+    /// and free ones beside others. It must begin in the window.
     pub fn each_unsure(&self, window: &Window, counts: &Counts, call: impl FnMut(usize)) {
-        let [x, y] = [0, 1].map(|axis| (self.from[axis], self.to[axis]));
-        let columns = (window.first.1, window.last.1, 0);
-        let rows = (window.first.0, window.last.0, window.shift);
-        if (x.1 - x.0).abs() >= (y.1 - y.0).abs() {
-            walk((x, columns), (y, rows), window.mask(), counts, call);
+        let along = |axis: usize, low: i64, high: i64, shift: u32| Along {
+            from: self.from[axis],
+            to: self.to[axis],
+            low,
+            high,
+            shift,
+        };
+        let x = along(0, window.first.1, window.last.1, 0);
+        let y = along(1, window.first.0, window.last.0, window.shift);
+        if x.length() >= y.length() {
+            walk(&x, &y, window.mask(), counts, call);
         } else {
-            walk((y, rows), (x, columns), window.mask(), counts, call);
+            walk(&y, &x, window.mask(), counts, call);
         }
     }
 
@@ -79,78 +85,90 @@ impl Ray {
     }
 }
 
-/// A line on one axis, from where to where, and the window there: first and last cell, and by how many bits their indices are shifted.
-type Along = ((f64, f64), (i64, i64, u32));
+/// What there is of a line along one axis.
+struct Along {
+    /// Where it begins and ends.
+    from: f64,
+    to: f64,
+    /// First and last cell of the window.
+    low: i64,
+    high: i64,
+    /// By how many bits the indices of cells are shifted.
+    shift: u32,
+}
+
+impl Along {
+    fn length(&self) -> f64 {
+        (self.to - self.from).abs()
+    }
+}
 
 /// Walks along a line by the axis on which it goes farther: every step crosses one border of that axis and at most one of the other.
-/// Where that is comes from a sum of whole numbers, so no step waits for a decision.
+/// Where that is comes from a sum of whole numbers, so nothing decides which axis is next.
 #[inline]
-fn walk(far: Along, near: Along, mask: i64, counts: &Counts, mut call: impl FnMut(usize)) {
-    let (((from, to), (low, high, shift)), ((near_from, near_to), (near_low, near_high, near_shift))) = (far, near);
-    let [first, last, near_first, near_last] = [from, to, near_from, near_to].map(|place| place.floor() as i64);
-    let length = (to - from).abs();
+fn walk(far: &Along, near: &Along, mask: i64, counts: &Counts, mut call: impl FnMut(usize)) {
+    let [first, last] = [far.from, far.to].map(|place| place.floor() as i64);
+    let [near_first, near_last] = [near.from, near.to].map(|place| place.floor() as i64);
+    let length = far.length();
     let slope = if length > 0.0 {
-        (near_to - near_from) / length
+        (near.to - near.from) / length
     } else {
         0.0
     };
     let fixed = |cells: f64| (cells * (1_u64 << FRACTION_BITS) as f64) as i64;
-    let to_border = if to > from {
-        (first + 1) as f64 - from
+    let is_forward = far.to > far.from;
+    let to_border = if is_forward {
+        (first + 1) as f64 - far.from
     } else {
-        from - first as f64
+        far.from - first as f64
     };
-    let border = fixed(near_from - near_first as f64 + to_border * slope);
+    let border = fixed(near.from - near_first as f64 + to_border * slope);
     let slope = fixed(slope);
     // A line that has left the window does not come back: steps of which all cells are inside.
     let steps = (last - first).abs();
-    let mut inside = steps;
-    if !(low..=high).contains(&last) {
-        inside = if to > from { high - first } else { first - low } + 1;
-    }
-    if !(near_low..=near_high).contains(&near_last) && slope != 0 {
-        let room = if slope > 0 {
-            ((near_high - near_first + 1) << FRACTION_BITS) - 1 - border
-        } else {
-            border - ((near_low - near_first) << FRACTION_BITS)
-        };
-        inside = inside.min(room.div_euclid(slope.abs()) + 1);
-    }
-    let inside = inside.clamp(0, steps);
+    let to_leave = if is_forward { far.high - first } else { first - far.low } + 1;
+    let room = if slope >= 0 {
+        ((near.high - near_first + 1) << FRACTION_BITS) - 1 - border
+    } else {
+        border - ((near.low - near_first) << FRACTION_BITS)
+    };
+    let to_leave_near = room.div_euclid(slope.abs().max(1)) + 1;
+    let inside = steps.min(to_leave).min(to_leave_near).max(0);
     // Indices of cells, of which both axes have bits of their own; where the lattice begins does not matter to what wraps around.
-    let (index_mask, near_mask) = (mask << shift, mask << near_shift);
-    let near_index = |place: i64| (place >> (FRACTION_BITS - near_shift)) & near_mask;
-    let forward = if to > from { 1 } else { -1 };
-    let mut index = (first & mask) << shift;
+    let (far_mask, near_mask) = (mask << far.shift, mask << near.shift);
+    let near_index = |place: i64| (place >> (FRACTION_BITS - near.shift)) & near_mask;
+    let forward = if is_forward { 1 } else { -1 };
+    let mut index = (first & mask) << far.shift;
     let mut place = ((near_first & mask) << FRACTION_BITS) + border;
-    let mut near = (near_first & mask) << near_shift;
+    let mut beside = (near_first & mask) << near.shift;
     let mut left = inside;
     while left > 0 {
         // To the border of the block; as the line goes no farther along the other axis, it meets two blocks at most.
-        let within = (index >> shift) & (BLOCK - 1);
-        let run = if forward > 0 { BLOCK - within } else { within + 1 }.min(left);
+        let within = (index >> far.shift) & (BLOCK - 1);
+        let run = if is_forward { BLOCK - within } else { within + 1 }.min(left);
         left -= run;
-        let (here, last) = (index & index_mask, near_index(place + (run - 1) * slope));
-        if counts.is_block_free((here | near) as usize) && counts.is_block_free((here | last) as usize) {
-            near = last;
-            index += (forward * run) << shift;
+        let here = index & far_mask;
+        let beside_last = near_index(place + (run - 1) * slope);
+        if counts.is_block_free((here | beside) as usize) && counts.is_block_free((here | beside_last) as usize) {
+            beside = beside_last;
+            index += (forward * run) << far.shift;
             place += run * slope;
             continue;
         }
         for _ in 0..run {
-            let (next, here) = (near_index(place), index & index_mask);
-            let cells = [here | near, here | next].map(|index| index as usize);
+            let (here, next) = (index & far_mask, near_index(place));
+            let cells = [here | beside, here | next].map(|index| index as usize);
             // Both are the same where the line goes on to the next step at once.
             if !(counts.is_free(cells[0]) && counts.is_free(cells[1])) {
                 cells.into_iter().for_each(&mut call);
             }
-            near = next;
-            index += forward << shift;
+            beside = next;
+            index += forward << far.shift;
             place += slope;
         }
     }
-    let is_last = inside == steps && near == (near_last & mask) << near_shift;
-    if !is_last && (low..=high).contains(&(first + forward * inside)) {
-        call((index & index_mask | near) as usize);
+    let is_last = inside == steps && beside == (near_last & mask) << near.shift;
+    if !is_last && (far.low..=far.high).contains(&(first + forward * inside)) {
+        call((index & far_mask | beside) as usize);
     }
 }

@@ -325,47 +325,111 @@ fn crossed(grid: &CertaintyGrid, from: (f64, f64), to: (f64, f64)) -> Vec<(i64, 
     found
 }
 
+/// A step of [`scans_count_as_if_every_cell_of_every_beam_was_looked_at`].
+#[derive(Clone, Debug)]
+enum Deed {
+    /// From a place of the window, in parts of it, and a heading.
+    Look((f64, f64), f64, Vec<f64>),
+    Move(f64, f64),
+    Forget(f64),
+    Stand,
+}
+
+fn deed() -> impl Strategy<Value = Deed> {
+    let range_m = prop_oneof![1 => 0.2f64..4.0, 2 => Just(9.0)];
+    let place = (0.01f64..0.99, 0.01f64..0.99);
+    prop_oneof![
+        8 => (place, -PI..PI, prop::collection::vec(range_m, 20..90)).prop_map(|(at, to, ranges_m)| Deed::Look(at, to, ranges_m)),
+        2 => (-0.8f64..0.8, -0.8f64..0.8).prop_map(|(x_m, y_m)| Deed::Move(x_m, y_m)),
+        1 => (0.0f64..2.0).prop_map(Deed::Forget),
+        1 => Just(Deed::Stand),
+    ]
+}
+
 proptest! {
     #[test]
     fn scans_count_as_if_every_cell_of_every_beam_was_looked_at(
-        looks in prop::collection::vec(
-            (-1.9f64..1.9, -1.9f64..1.9, -PI..PI, prop::collection::vec(prop_oneof![1 => 0.2f64..4.0, 2 => Just(9.0)], 20..90)),
-            1..14,
-        ),
-        is_himm: bool,
+        side_cells in prop::sample::select(vec![3usize, 7, 15, 31, 41, 63]), x_m in -1e4f64..1e4, y_m in -1e4f64..1e4,
+        deeds in prop::collection::vec(deed(), 1..20), is_himm: bool,
     ) {
         let evidence = if is_himm { Evidence::himm() } else { Evidence::default() };
-        let mut grid = grid(evidence, f64::INFINITY);
+        let params = CertaintyParams { side_cells, evidence, ..CertaintyParams::default() };
+        let mut grid = CertaintyGrid::new(params, x_m, y_m);
         let half = grid.side / 2;
-        let (row, column) = grid.middle;
-        let cells = || (row - half..=row + half).flat_map(|row| (column - half..=column + half).map(move |column| (row, column)));
-        let mut levels: std::collections::HashMap<(i64, i64), i16> = std::collections::HashMap::new();
-        for (x_m, y_m, heading_rad, ranges_m) in looks {
-            let pose = Pose::level(x_m, y_m, heading_rad);
-            let fan = Scan { ranges_m, angle_increment_rad: 0.07, ..beam(1.0) };
-            look(&mut grid, &pose, &fan);
-            // Log-odds look at the parts of cells too: what was met keeps them open, and only then.
-            let met: Vec<(i64, i64)> = cells().filter(|&cell| grid.parts_met(cell) > 0).collect();
-            let ends: Vec<((f64, f64), bool)> = (0..fan.ranges_m.len())
-                .filter_map(|beam| {
-                    let told = fan.beam(beam);
-                    let end = fan.end_of(beam, told.range_m()?.min(4.1), &pose);
-                    Some(((end.x_m, end.y_m), matches!(told, Return::Obstacle { .. })))
-                })
-                .collect();
-            let hits: std::collections::BTreeSet<_> =
-                ends.iter().filter(|end| end.1).map(|end| grid.lattice(end.0.0, end.0.1)).collect();
-            let passed: std::collections::BTreeSet<_> =
-                ends.iter().flat_map(|end| crossed(&grid, (x_m, y_m), end.0)).filter(|cell| !hits.contains(cell)).collect();
-            for (&cell, change) in hits.iter().map(|cell| (cell, grid.levels.hit)).chain(passed.iter().map(|cell| (cell, -grid.levels.miss))) {
-                let level = levels.entry(cell).or_insert(0);
-                *level = (*level + change).clamp(grid.levels.low, grid.levels.high);
-            }
-            for cell in cells() {
-                let expected = levels.get(&cell).map(|&level| grid.levels.certainty(level));
-                if is_himm || !met.contains(&cell) {
-                    prop_assert_eq!(grid.certainty_of(cell), expected, "{:?}", cell);
+        let side_m = grid.side as f64 * 0.1;
+        let mut levels: std::collections::BTreeMap<(i64, i64), i16> = std::collections::BTreeMap::new();
+        let certainties = |levels: &std::collections::BTreeMap<_, i16>, of: &Levels| -> Vec<((i64, i64), u8)> {
+            levels.iter().map(|(&cell, &level)| (cell, of.certainty(level))).collect()
+        };
+        for deed in deeds {
+            let (west_m, north_m) = (grid.middle_m().0 - side_m / 2.0, grid.middle_m().1 + side_m / 2.0);
+            let before = certainties(&levels, &grid.levels);
+            match deed {
+                Deed::Move(right_m, up_m) => {
+                    let (x_m, y_m) = grid.middle_m();
+                    grid.move_to(x_m + right_m, y_m + up_m);
+                    levels.retain(|&cell, _| grid.index(cell).is_some());
                 }
+                Deed::Forget(near_m) => {
+                    let (x_m, y_m) = grid.middle_m();
+                    grid.clear_beyond(x_m, y_m, near_m);
+                    let (reach, (row, column)) = ((near_m / 0.1).ceil() as i64, grid.lattice(x_m, y_m));
+                    levels.retain(|cell, _| (cell.0 - row).abs() <= reach && (cell.1 - column).abs() <= reach);
+                }
+                Deed::Stand => {
+                    let (x_m, y_m) = grid.middle_m();
+                    grid.stand_on(&Pose::level(x_m, y_m, 0.0), 0.16, 0.06);
+                    let (row, column) = grid.lattice(x_m, y_m);
+                    for cell in (row - 1..=row + 1).flat_map(|row| (column - 1..=column + 1).map(move |column| (row, column))) {
+                        if cell.0 == row {
+                            levels.entry(cell).or_insert(0);
+                        }
+                    }
+                }
+                Deed::Look((right, down), heading_rad, ref ranges_m) => {
+                    let pose = Pose::level(west_m + right * side_m, north_m - down * side_m, heading_rad);
+                    let fan = Scan { ranges_m: ranges_m.clone(), angle_increment_rad: 0.07, ..beam(1.0) };
+                    look(&mut grid, &pose, &fan);
+                    let ends: Vec<(f64, f64, bool)> = (0..fan.ranges_m.len())
+                        .filter_map(|beam| {
+                            let told = fan.beam(beam);
+                            let range_m = told.range_m()?;
+                            let end = fan.end_of(beam, range_m.min(side_m), &pose);
+                            Some((end.x_m, end.y_m, matches!(told, Return::Obstacle { .. }) && range_m <= side_m))
+                        })
+                        .collect();
+                    let mut counted = std::collections::BTreeSet::new();
+                    let mut count = |cell: (i64, i64), change: i16| {
+                        if (cell.0 - grid.middle.0).abs() <= half && (cell.1 - grid.middle.1).abs() <= half && counted.insert(cell) {
+                            let level = levels.entry(cell).or_insert(0);
+                            *level = (*level + change).clamp(grid.levels.low, grid.levels.high);
+                        }
+                    };
+                    for end in ends.iter().filter(|end| end.2) {
+                        count(grid.lattice(end.0, end.1), grid.levels.hit);
+                    }
+                    for end in &ends {
+                        for cell in crossed(&grid, (pose.x_m, pose.y_m), (end.0, end.1)) {
+                            count(cell, -grid.levels.miss);
+                        }
+                    }
+                }
+            }
+            // Log-odds tell nothing of a cell in which something stands beside the beam; there the grid itself is asked.
+            for (&cell, level) in &mut levels {
+                if !is_himm && let Some(index) = grid.index(cell) && grid.met[index].hits > 0 {
+                    *level = grid.counts.get(index).known_level();
+                }
+            }
+            let after = certainties(&levels, &grid.levels);
+            let mut seen: Vec<_> = grid.seen().map(|(x_m, y_m, certainty)| (grid.lattice(x_m, y_m), certainty)).collect();
+            seen.sort_unstable();
+            prop_assert_eq!(&seen, &after);
+            if matches!(deed, Deed::Look(..) | Deed::Stand) {
+                let mut changed = grid.changed().to_vec();
+                changed.sort_unstable();
+                let differs: Vec<_> = after.iter().filter(|told| !before.contains(told)).map(|told| told.0).collect();
+                prop_assert_eq!(changed, differs);
             }
         }
     }

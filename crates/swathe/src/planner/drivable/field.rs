@@ -5,7 +5,7 @@ use crate::grid::{Cell, GridGeometry, Layer, Position, Step};
 use crate::progress::Report;
 
 use crate::planner::ground::Ground;
-use crate::planner::radix_heap::RadixHeap;
+use crate::planner::radix_heap::CostHeap;
 use crate::planner::search::StepGraph;
 
 /// Cells settled between two reports.
@@ -44,7 +44,7 @@ impl Field {
             inside,
         };
         let mut cost = std::collections::HashMap::new();
-        let mut queue = RadixHeap::new();
+        let mut queue = CostHeap::new();
         let first = geometry.index(goal);
         cost.insert(first as u32, 0.0);
         queue.push(0.0, first as u32);

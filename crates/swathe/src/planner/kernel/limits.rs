@@ -14,7 +14,7 @@
 //!   nowhere falls by more than a step costs, and is at least the least corner of the block.
 
 use crate::grid::{Cell, EIGHT};
-use crate::planner::radix_heap::RadixHeap;
+use crate::planner::radix_heap::CostHeap;
 
 use super::costs::CellCost;
 use super::settle::Ground;
@@ -118,7 +118,7 @@ pub(super) struct Coarse<'a, 'b, C> {
     /// Least cost per metre of every block; NaN where it was not asked for yet.
     least: Vec<f64>,
     to_goal: Vec<f64>,
-    queue: RadixHeap,
+    queue: CostHeap,
     settled_to: f64,
     /// First and last row and column of nodes with a value.
     reached: [[usize; 2]; 2],
@@ -129,7 +129,7 @@ impl<'a, 'b, C: CellCost> Coarse<'a, 'b, C> {
     pub(super) fn new(ground: &'a Ground<'b, C>, start: Cell, goal: Cell, sixteen: bool) -> Self {
         let frame = Frame::new(ground.rows, ground.columns, goal, shift(start, goal));
         let mut to_goal = vec![f64::INFINITY; (frame.blocks[0] + 1) * frame.nodes_across()];
-        let mut queue = RadixHeap::new();
+        let mut queue = CostHeap::new();
         to_goal[frame.node(goal)] = 0.0;
         queue.push(0.0, frame.node(goal) as u32);
         let shortest = if sixteen { KNIGHT } else { 1.0 };

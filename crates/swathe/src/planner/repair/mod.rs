@@ -26,7 +26,7 @@ use crate::grid::{Cell, GridGeometry, Step};
 use crate::progress::Report;
 
 use super::PlannerError;
-use super::queue::Queue;
+use super::radix_heap::RadixHeap;
 use super::search::{Search, StepGraph};
 use settle::Ended;
 
@@ -58,7 +58,7 @@ pub const REPAIR_SHARE: f64 = 0.2;
 /// Bits of the infinite cost. State is stored xored with it, so that memory that was never touched means infinite.
 const INFINITE: u64 = f64::INFINITY.to_bits();
 
-/// Cells, one after the other in a row, that are forgotten together.
+/// Cells with indices one after the other that are forgotten together.
 const BLOCK: usize = 64;
 
 /// Mark of a cell: its step towards the goal plus one, 0 when there is none.
@@ -93,8 +93,8 @@ pub struct RepairTally {
 
 /// A way to a goal that is kept right while cells change and the robot moves.
 ///
-/// Needs 17 bytes per cell, given by the system as cells are first touched, 8 more for cells looked at ahead, and 16 for
-/// every open cell.
+/// Needs a little over 17 bytes per cell, given by the system as cells are first touched, 8 more for cells looked at ahead, and
+/// 16 for every open cell.
 #[derive(Clone, Debug)]
 pub struct Repair {
     geometry: GridGeometry,
@@ -104,12 +104,12 @@ pub struct Repair {
     /// Settled and promised cost of every cell: bits xored with those of infinity.
     costs: Vec<[u64; 2]>,
     marks: Vec<u8>,
-    /// The blocks of cells in which something was promised, and whether each is among them.
+    /// Blocks in which something was promised; and of every block, whether it is among them.
     used: Vec<u32>,
     is_used: Vec<bool>,
     /// How far the index of a cell is from that of the cell where a step leads.
     offsets: Vec<isize>,
-    queue: Queue,
+    queue: RadixHeap,
     /// Cells that are open and not in the queue.
     touched: Vec<u32>,
     /// Costs from the robot to the cells that matter to a repair: bits xored with those of infinity.
@@ -117,7 +117,7 @@ pub struct Repair {
     /// Cells that have such a cost.
     reached: Vec<u32>,
     /// Cells to look ahead from.
-    ahead: Queue,
+    ahead: RadixHeap,
     /// Whether the repair goes by costs from the robot.
     scouted: bool,
     /// The robot's cell at the last search if that went by costs from the robot: then the costs along its way are right.
@@ -157,11 +157,11 @@ impl Repair {
             used: Vec::new(),
             is_used: Vec::new(),
             offsets: graph.steps().iter().map(|step| offset(&geometry, *step)).collect(),
-            queue: Queue::new(),
+            queue: RadixHeap::new(),
             touched: Vec::new(),
             from_robot: Vec::new(),
             reached: Vec::new(),
-            ahead: Queue::new(),
+            ahead: RadixHeap::new(),
             scouted: false,
             way_from: None,
             floor: None,
@@ -297,6 +297,7 @@ impl Repair {
     /// Forgets all that was searched.
     fn forget(&mut self) {
         let cells = self.geometry.cell_count();
+        // What is little is cleared in place: new memory would be given page by page again.
         if self.used.len() * BLOCK < cells / 4 && self.costs.len() == cells {
             for block in self.used.drain(..) {
                 let first = block as usize * BLOCK;
@@ -448,7 +449,7 @@ impl Repair {
         self.costs[index][0] = cost ^ INFINITE;
     }
 
-    /// Nothing else of a cell is set before.
+    /// Sets what is promised to a cell, and notes its block for [`Self::forget`]: every other lasting write to a cell comes later.
     fn set_promised(&mut self, index: usize, cost: u64) {
         let block = index / BLOCK;
         if !self.is_used[block] {

@@ -116,9 +116,9 @@ impl Repair {
                 self.floor = Some((f64::from_bits(key), self.start));
                 break Ended::Settled;
             }
+            // Around the robot there are as many cells to look at as most fresh plans take, so those are begun first.
+            let is_worth = !self.afresh || self.effort >= EXPANSION * POCKET_CELLS as u64 / 2;
             // A look ahead that ended well has found a way.
-            // A search from nothing mostly ends sooner than that; a repair spoils less when it is not begun.
-            let is_worth = !self.afresh || self.effort >= POCKET_CELLS as u64;
             if best.is_infinite() && is_worth && !looked_around && !self.scouted {
                 looked_around = true;
                 if self.is_enclosed(graph) {

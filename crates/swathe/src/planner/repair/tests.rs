@@ -330,6 +330,39 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn nothing_is_left_of_what_repairs_and_stops_leave(
+        a in (20usize..100, 20usize..100), b in (20usize..100, 20usize..100),
+        patches in prop::collection::vec(((-12i32..=12, -12i32..=12), cost_of_a_cell(), any::<bool>(), 0usize..4), 1..10),
+    ) {
+        let geometry = GridGeometry::new(600, 120, 1.0, 0.0, 0.0).unwrap();
+        let (start, goal) = (Cell::new(a.0, a.1), Cell::new(b.0, b.1));
+        let costs = Layer::filled(geometry, 1.0);
+        let mut graph = ChangingCells::new(costs.view(), goal, 8, Corners::Keep).unwrap();
+        let mut repair = Repair::new(&graph, start, goal).unwrap().with_share(f64::INFINITY);
+        for ((rows, columns), cost, stops, steps) in patches {
+            if let Search::Found { cells, .. } = repair.path(&graph, &mut |_, _| !stops) {
+                repair.move_to(cells[steps.min(cells.len() - 1)]).unwrap();
+            }
+            let around = |step: i32| geometry.offset(repair.start(), rows + step / 3, columns + step % 3);
+            let patch: Vec<Cell> = (0..9).filter_map(around).collect();
+            graph.change(patch.iter().map(|&cell| (cell, cost))).unwrap();
+            repair.update(&graph, patch);
+        }
+        let noted = repair.used.iter().filter(|&&block| repair.is_used[block as usize]).count();
+        prop_assert_eq!((noted, noted), (repair.used.len(), repair.is_used.iter().filter(|&&used| used).count()));
+        // Little enough to be cleared in place.
+        prop_assume!(noted * BLOCK < geometry.cell_count() / 4);
+        repair.forget();
+        let fresh = Repair::new(&graph, repair.start(), goal).unwrap();
+        prop_assert!(repair.costs == fresh.costs && repair.marks == fresh.marks);
+        prop_assert!(repair.is_used == fresh.is_used && repair.used == fresh.used);
+    }
+}
+
 /// A world as text: '#' closed, a digit its cost per metre, 's' and 'g' cost 1.
 fn world(rows: &[&str]) -> (ChangingCells, Cell, Cell) {
     let geometry = GridGeometry::new(rows.len(), rows[0].len(), 1.0, 0.0, 0.0).unwrap();
@@ -478,8 +511,11 @@ fn a_walled_in_robot_is_noticed_without_searching_the_map() {
         graph.change([(cell, CLOSED)]).unwrap();
     }
     repair.update(&graph, wall.iter().copied());
-    assert_eq!(repair.path(&graph, &mut silent()), Search::Unreachable);
-    assert!(repair.tally().work < 4000, "{:?}", repair.tally());
+    // A plan from nothing too.
+    for repair in [&mut repair, &mut Repair::new(&graph, start, goal).unwrap()] {
+        assert_eq!(repair.path(&graph, &mut silent()), Search::Unreachable);
+        assert!(repair.tally().work < 4000, "{:?}", repair.tally());
+    }
     for &cell in &wall {
         graph.change([(cell, 1.0)]).unwrap();
     }
