@@ -241,13 +241,24 @@ impl Surroundings {
                 }
             }
             let edge = side * shape.half_length_m;
-            // Behind, mostly only cells tell what was seen: what stands just beside the way may lie in one of them.
-            let half_m = shape.half_width_m + if forward { 0.0 } else { self.cell_size_m };
-            let sides = [-half_m, 0.0, half_m];
-            if !sides
-                .iter()
-                .all(|&left| seen(x + cos * edge - sin * left, y + sin * edge + cos * left))
-            {
+            let place = |left: f64| (x + cos * edge - sin * left, y + sin * edge + cos * left);
+            let is_seen = |left: f64| {
+                let (ahead, left) = place(left);
+                seen(ahead, left)
+            };
+            // Behind, mostly only cells tell what was seen: what stands just beside the way may lie in one of them. What lies
+            // behind the face of a thing that is known is not to be seen, and that thing is reckoned with.
+            let is_open_beside = |side: f64| {
+                let (ahead, left) = place(side * (shape.half_width_m + self.cell_size_m));
+                let is_face = |&((px, py), _): &((f64, f64), f64)| is_within((px - ahead, py - left), self.cell_size_m);
+                seen(ahead, left) || (is_seen(side * shape.half_width_m) && obstacles.iter().any(is_face))
+            };
+            let is_open = if forward {
+                [-1.0, 1.0].into_iter().all(|side| is_seen(side * shape.half_width_m))
+            } else {
+                [-1.0, 1.0].into_iter().all(is_open_beside)
+            };
+            if !(is_seen(0.0) && is_open) {
                 return (k - 1) as f64 * step_m;
             }
         }
@@ -413,6 +424,20 @@ mod tests {
             let free = around(&[]).free_m(&shape(), 0.0, forward, 2.0, |_, y| y.abs() < seen_m);
             assert_eq!(free, expected_m, "{seen_m} {forward}");
         }
+    }
+
+    #[test]
+    fn backwards_the_face_of_a_thing_beside_hides_what_need_not_be_seen() {
+        // A face along the left side, a cell beyond the body, as far back as 1.5 m: nothing behind it is ever seen.
+        let face: Vec<(f64, f64)> = (-15..=10).map(|k| (0.1 * f64::from(k), 0.45)).collect();
+        let back_m = |stamps: &[(f64, f64)], seen_m: f64| {
+            around(stamps).free_m(&shape(), 0.0, false, 3.0, |_, left| left < seen_m)
+        };
+        assert_eq!(back_m(&[], 0.35), 0.0);
+        let free_m = back_m(&face, 0.35);
+        assert!((0.9..=1.15).contains(&free_m), "{free_m}");
+        // Ground that the corner itself would enter must have been seen all the same.
+        assert_eq!(back_m(&face, 0.25), 0.0);
     }
 
     #[test]

@@ -506,15 +506,19 @@ impl Field {
         true
     }
 
-    /// Whether what is behind at a pose was seen, as far as a cell beside its corners.
+    /// Whether what is behind at a pose was seen, as far as a cell beside its corners; there the face of a thing that is known hides
+    /// what need not be seen.
     pub fn sees_behind(&self, (x_m, y_m, heading_rad): (f64, f64, f64)) -> bool {
         let (sin, cos) = heading_rad.sin_cos();
         let back_m = self.half_length_m;
-        let half_m = self.half_width_m + self.size_m;
-        [-half_m, 0.0, half_m].into_iter().all(|left_m| {
-            self.at(x_m - back_m * cos - left_m * sin, y_m - back_m * sin + left_m * cos)
-                .is_some_and(|index| self.known[index])
-        })
+        let cell = |left_m: f64| self.at(x_m - back_m * cos - left_m * sin, y_m - back_m * sin + left_m * cos);
+        let is_known = |left_m: f64| cell(left_m).is_some_and(|index| self.known[index]);
+        let is_open_beside = |side: f64| {
+            let is_face = |index: usize| f64::from(self.near_m[index]) <= self.size_m;
+            cell(side * (self.half_width_m + self.size_m))
+                .is_some_and(|index| self.known[index] || (is_known(side * self.half_width_m) && is_face(index)))
+        };
+        is_known(0.0) && is_open_beside(-1.0) && is_open_beside(1.0)
     }
 }
 
@@ -565,6 +569,38 @@ mod tests {
             // No ground behind was seen there at all.
             assert!(!field.sees_behind((-1.4, 0.0, 0.0)));
         }
+    }
+
+    #[test]
+    fn behind_the_face_of_a_thing_beside_need_not_be_seen() {
+        let mut memory = Memory::new(0.2, 100);
+        for cell in (-20..20).flat_map(|row| (-20..20).map(move |column| (row, column))) {
+            memory.set(cell, Seen::Free);
+        }
+        let sees = |has_face: bool, half_seen_m: f64| {
+            let mut grid = CertaintyGrid::new(CertaintyParams::default(), 0.0, 0.0);
+            grid.stand_on(&Pose::default(), 1.5, half_seen_m);
+            // Along both sides as far back as 1.2 m, known from before: the grid saw no more than the body's own way.
+            let met: Met = (-12..=12)
+                .flat_map(|k| [(0.1 * f64::from(k), 0.46), (0.1 * f64::from(k), -0.46)])
+                .filter(|_| has_face)
+                .map(|(x_m, y_m)| (grid.cell_of(x_m, y_m), u64::MAX))
+                .collect();
+            let (start, goal) = (Pose::default(), Position::new(1.0, 0.0));
+            let mut field = Field::new(
+                (&met, &memory, &grid),
+                &shape((0.5, 0.3), 0.0),
+                &start,
+                (goal, 0.3),
+                (MARGIN_M, 30),
+                Frame::of(&Pose::default()),
+            );
+            while !field.lay_on(1000) {}
+            [-0.5, -0.9].map(|x_m| field.sees_behind((x_m, 0.0, 0.0)))
+        };
+        assert_eq!(sees(false, 0.42), [false, false]);
+        assert_eq!(sees(true, 0.42), [true, false]);
+        assert_eq!(sees(true, 0.2), [false, false]);
     }
 
     proptest! {
