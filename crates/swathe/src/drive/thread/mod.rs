@@ -8,6 +8,7 @@
 
 mod arcs;
 mod field;
+mod frame;
 mod walk;
 
 use std::collections::HashMap;
@@ -20,7 +21,8 @@ use crate::sensor::{Pose, wrap};
 use super::memory::Memory;
 use super::params::Shape;
 use arcs::Arcs;
-use field::{Field, Frame, MARGIN_M, MOST_CELLS};
+use field::{Field, MARGIN_M, MOST_CELLS};
+use frame::Frame;
 use walk::Walk;
 
 /// The parts of cells in which something was met, by cell of the certainty grid's lattice.
