@@ -245,10 +245,12 @@ def test_a_reading_where_it_matters_is_worth_most() -> None:
     here = Cell(2, 0)
     assert next_probe("where it matters", candidates, value, here=here, since_last_m=0.0) == on_the_way
     assert next_probe("where it matters above 500", candidates, value, here=here, since_last_m=0.0) is None
+    assert next_probe("where it pays", [on_the_way, Cell(2, 4)], value, here=here, since_last_m=0.0) == on_the_way
+    assert next_probe("where it pays above 500", candidates, value, here=here, since_last_m=0.0) is None
     assert next_probe("never", candidates, value, here=here, since_last_m=1e9) is None
     assert next_probe("every 50 m", candidates, value, here=here, since_last_m=49.0) is None
     assert next_probe("every 50 m", candidates, value, here=here, since_last_m=50.0) == here
-    for wrong in ("sometimes", "every m", "every -5 m", "every x m", "where it matters above"):
+    for wrong in ("sometimes", "every m", "every -5 m", "every x m", "where it matters above", "where it pays 3"):
         with pytest.raises(InvalidParameterError):
             next_probe(wrong, candidates, value, here=here, since_last_m=1.0)
 

@@ -511,8 +511,9 @@ def next_probe(
 
     Args:
         policy: ``never``, ``every N m`` (metres driven since the last reading), ``where it matters``: the candidate
-            whose reading is expected to save most, or ``where it matters above C``, when that exceeds the cost C.
-        candidates: cells that could be probed.
+            whose reading is expected to save most, ``where it pays``: the first whose reading is expected to save
+            anything; with ``above C`` behind it only when that exceeds the cost C.
+        candidates: cells that could be probed, in the order in which they are met.
         value: expected saving at a candidate, for instance by ``SoilBelief.probe_value``.
         here: the robot's cell.
         since_last_m: metres since the last reading.
@@ -530,7 +531,8 @@ def probing_policy(text: str) -> tuple[str, float]:
     """Return a probing policy as the core takes it: its word and its figure.
 
     Raises:
-        InvalidParameterError: it is none of ``never``, ``every N m`` and ``where it matters [above C]``.
+        InvalidParameterError: it is none of ``never``, ``every N m``, ``where it matters [above C]`` and ``where it
+            pays [above C]``.
     """
     words = text.split()
     try:
@@ -538,12 +540,14 @@ def probing_policy(text: str) -> tuple[str, float]:
             return "never", 0.0
         if len(words) == 3 and words[0] == "every" and words[2] == "m":
             return "every", float(words[1])
-        if words[:3] == ["where", "it", "matters"] and len(words) in {3, 5} and words[3:4] in ([], ["above"]):
-            return "where_it_matters", float(words[4]) if len(words) == 5 else 0.0
+        place = {("where", "it", word): f"where_it_{word}" for word in ("matters", "pays")}.get(tuple(words[:3]))
+        if place and len(words) in {3, 5} and words[3:4] in ([], ["above"]):
+            return place, float(words[4]) if len(words) == 5 else 0.0
     except ValueError:
         pass
     raise InvalidParameterError(
-        f"The probing policy {text!r} is not known.", "Give never, every N m, or where it matters [above C]."
+        f"The probing policy {text!r} is not known.",
+        "Give never, every N m, where it matters [above C], or where it pays [above C].",
     )
 
 

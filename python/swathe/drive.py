@@ -166,8 +166,9 @@ class DriveParams:
         sonar_height_m: height of sonars, whose cones ``sense`` takes in.
         memory: whether a route is laid on what was seen.
         recover: whether the robot gets out of traps.
-        probing: when the robot stops for a penetrometer reading: ``never``, ``every N m``, or ``where it matters
-            [above C]``: where a reading is expected to save more than C seconds of driving.
+        probing: when the robot stops for a penetrometer reading: ``never``, ``every N m``, ``where it matters
+            [above C]``: where of all on the next metres of its way the reading is expected to save most, and more
+            than C seconds, or ``where it pays [above C]``: at the first that is expected to save more than C seconds.
         probe_wait_s: how long it waits for one before it drives on.
         probe_boom_m: distance from the front edge of the footprint forwards to the cone.
     """

@@ -152,7 +152,7 @@ class DrivePart(_Part):
 class ProbingPart(_Part):
     """``[probing]``: when the drive stops to push the penetrometer in, and how far before its front edge."""
 
-    policy: Literal["never", "every", "where-it-matters"] = "never"
+    policy: Literal["never", "every", "where-it-matters", "where-it-pays"] = "never"
     every_m: Length = 25.0
     above_s: Seconds = 15.0
     boom_m: float = Field(default=0.5, ge=-20.0, le=20.0)
@@ -160,8 +160,11 @@ class ProbingPart(_Part):
     @property
     def text(self) -> str:
         """The policy as the navigator takes it."""
-        matters = "where it matters" + (f" above {self.above_s:g}" if self.above_s > 0 else "")
-        return {"every": f"every {self.every_m:g} m", "where-it-matters": matters}.get(self.policy, "never")
+        if self.policy == "never":
+            return "never"
+        if self.policy == "every":
+            return f"every {self.every_m:g} m"
+        return self.policy.replace("-", " ") + (f" above {self.above_s:g}" if self.above_s > 0 else "")
 
 
 class Patch(_Part):

@@ -227,6 +227,17 @@ pub(crate) fn check_reading(reading: ReadingRow) -> PyResult<()> {
     Ok(checked.map_err(CoreError::from)?)
 }
 
+/// A probing policy from its word and its figure.
+pub(crate) fn probe_policy(policy: &str, figure: f64) -> PyResult<ProbePolicy> {
+    let known = [
+        ("never", ProbePolicy::Never),
+        ("every", ProbePolicy::EveryMetres(figure)),
+        ("where_it_matters", ProbePolicy::WhereItMatters { probe_cost: figure }),
+        ("where_it_pays", ProbePolicy::WhereItPays { probe_cost: figure }),
+    ];
+    word("probing policy", policy, &known)
+}
+
 /// Place among the candidates of the next reading, -1 for here, or None; `value` is asked for a candidate's place.
 #[pyfunction]
 pub(crate) fn next_probe(
@@ -236,14 +247,7 @@ pub(crate) fn next_probe(
     candidates: usize,
     value: &Bound<'_, PyAny>,
 ) -> PyResult<Option<i64>> {
-    let known = [
-        ("never", ProbePolicy::Never),
-        ("every", ProbePolicy::EveryMetres(figure)),
-        ("where_it_matters", ProbePolicy::WhereItMatters { probe_cost: figure }),
-    ];
-    let policy = word("probing policy", policy, &known)?
-        .validate()
-        .map_err(CoreError::from)?;
+    let policy = probe_policy(policy, figure)?.validate().map_err(CoreError::from)?;
     // A candidate is told by its place in the list; the robot's own cell by the place after the last.
     let cells: Vec<Cell> = (0..candidates).map(|place| Cell::new(0, place)).collect();
     let here = Cell::new(0, candidates);

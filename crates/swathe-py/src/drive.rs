@@ -3,7 +3,7 @@
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use swathe::belief::{Extent, PerClass, ProbePolicy, SoilBelief, SoilUpdate, Word};
+use swathe::belief::{Extent, PerClass, SoilBelief, SoilUpdate, Word};
 use swathe::drive::{DriveParams, Knowledge, Method, Observation, OutsideNests, Region};
 use swathe::grid::{Cell, Layer, Position};
 use swathe::local::Evidence;
@@ -11,7 +11,7 @@ use swathe::nest::GridsParams;
 use swathe::sensor::{Mount, Pose, Scan};
 use swathe::soil::SoilClass;
 
-use crate::belief::{ReadingRow, UnitRow, params_of, reading_of, unit_of};
+use crate::belief::{ReadingRow, UnitRow, params_of, probe_policy, reading_of, unit_of};
 use crate::convert::{Shape, array, entry, geometry, nest_params, position, values, word};
 use crate::error::{CoreError, invalid};
 use crate::events::{event_fields, standing};
@@ -26,15 +26,6 @@ const METHODS: [(&str, Method); 4] = [
 ];
 
 const OUTSIDE: [(&str, OutsideNests); 2] = [("cost", OutsideNests::Cost), ("block", OutsideNests::Block)];
-
-fn probing((policy, figure): (String, f64)) -> PyResult<ProbePolicy> {
-    let known = [
-        ("never", ProbePolicy::Never),
-        ("every", ProbePolicy::EveryMetres(figure)),
-        ("where_it_matters", ProbePolicy::WhereItMatters { probe_cost: figure }),
-    ];
-    word("probing policy", &policy, &known)
-}
 
 fn evidence(given: &str) -> PyResult<Evidence> {
     let known = [("log-odds", Evidence::default()), ("himm", Evidence::himm())];
@@ -62,7 +53,10 @@ fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
         sonar_height_m: entry(dict, "sonar_height_m")?,
         memory: entry(dict, "memory")?,
         recover: entry(dict, "recover")?,
-        probing: probing(entry::<(String, f64)>(dict, "probing")?)?,
+        probing: {
+            let (policy, figure): (String, f64) = entry(dict, "probing")?;
+            probe_policy(&policy, figure)?
+        },
         probe_wait_s: entry(dict, "probe_wait_s")?,
         probe_boom_m: entry(dict, "probe_boom_m")?,
         ..DriveParams::default()

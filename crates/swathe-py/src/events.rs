@@ -66,7 +66,10 @@ pub(crate) fn event_fields<'py>(py: Python<'py>, event: &Event) -> PyResult<Boun
             fields.set_item("disagreement", disagreement)?;
         }
         Event::ScanRefused { reason } | Event::Trap { reason } => fields.set_item("reason", reason.name())?,
-        Event::PoseJump { distance_m } => fields.set_item("distance_m", distance_m)?,
+        Event::PoseJump { distance_m, turn_rad } => {
+            fields.set_item("distance_m", distance_m)?;
+            fields.set_item("turn_rad", turn_rad)?;
+        }
         Event::Route { length_m, afresh } => {
             fields.set_item("length_m", length_m)?;
             fields.set_item("afresh", afresh)?;

@@ -111,7 +111,7 @@ def drive(
         typer.Option("--readings", help="CSV of hand readings of a penetrometer that are known before the drive."),
     ] = None,
     probing: Annotated[
-        Literal["never", "every", "where-it-matters"] | None,
+        Literal["never", "every", "where-it-matters", "where-it-pays"] | None,
         typer.Option("--probing", help="When the robot stops to push the penetrometer in."),
     ] = None,
     probe_every: Annotated[
@@ -154,7 +154,7 @@ def drive(
 
       swathe drive --dem dem.tif --soil soil.gpkg --start 10.05,51.53 --goal 10.06,51.54 --crates 40 --soil-error 0.3
 
-      swathe drive --plan swathe-plan --crates 20 --probing where-it-matters
+      swathe drive --plan swathe-plan --crates 20 --probing where-it-pays
 
       swathe drive --scenario my-drive.toml --seed 7 --local "vfh*"
 
@@ -303,7 +303,7 @@ def trials(
 
       swathe trials --runs 100 --local navigator --local "vfh+" --local vfh
 
-      swathe trials --scenario wrong-soil --runs 100 --probing never --probing where-it-matters
+      swathe trials --scenario wrong-soil --runs 100 --probing never --probing where-it-pays
 
       swathe replay swathe-trials/worst-1.mcap --out worst
     """

@@ -10,8 +10,15 @@ pub enum ProbePolicy {
     Never,
     /// After every so many metres.
     EveryMetres(f64),
-    /// Where a reading is expected to save more than it costs, in the unit of route costs.
+    /// Where the reading is expected to save most of all that could be taken, if that is more than it costs, in the unit of
+    /// route costs.
     WhereItMatters {
+        /// What taking a reading costs.
+        probe_cost: f64,
+    },
+    /// At the first of the places on the way where a reading is expected to save more than it costs: what one farther on
+    /// tells comes too late for the ground before it.
+    WhereItPays {
         /// What taking a reading costs.
         probe_cost: f64,
     },
@@ -93,10 +100,11 @@ pub fn probe_value(
     })
 }
 
-/// Where to take the next reading, if at all: `here`, or for [`ProbePolicy::WhereItMatters`] the first of the candidates
-/// with the greatest value, as long as that exceeds the cost of a reading.
+/// Where to take the next reading, if at all: `here`, or one of the candidates, which stand in the order in which they are
+/// met. It is worth more than a reading costs and is the first of those with the greatest value for
+/// [`ProbePolicy::WhereItMatters`], the first of all for [`ProbePolicy::WhereItPays`].
 ///
-/// `since_last_m` is how far the robot has driven since its last reading. `value` is asked only where it matters.
+/// `since_last_m` is how far the robot has driven since its last reading. `value` is asked by these two alone.
 pub fn next_probe(
     policy: ProbePolicy,
     here: Cell,
@@ -105,22 +113,33 @@ pub fn next_probe(
     mut value: impl FnMut(Cell) -> f64,
 ) -> Option<Cell> {
     match policy {
-        ProbePolicy::Never => None,
         ProbePolicy::EveryMetres(metres) => (since_last_m >= metres).then_some(here),
-        ProbePolicy::WhereItMatters { probe_cost } => {
-            let mut best: Option<(Cell, f64)> = None;
-            for &cell in candidates {
-                let value = value(cell);
-                if value > best.map_or(probe_cost, |(_, most)| most) {
-                    best = Some((cell, value));
-                }
-            }
-            best.map(|(cell, _)| cell)
+        policy => {
+            let place = policy.pick(candidates.iter().map(|&cell| value(cell)));
+            place.map(|place| candidates[place])
         }
     }
 }
 
 impl ProbePolicy {
+    /// Place of the reading to take among the expected savings of all that could be taken, in the order in which they are met.
+    pub(crate) fn pick(self, savings: impl IntoIterator<Item = f64>) -> Option<usize> {
+        let mut savings = savings.into_iter();
+        match self {
+            Self::Never | Self::EveryMetres(_) => None,
+            Self::WhereItMatters { probe_cost } => {
+                let mut best: Option<(usize, f64)> = None;
+                for (place, saving) in savings.enumerate() {
+                    if saving > best.map_or(probe_cost, |(_, most)| most) {
+                        best = Some((place, saving));
+                    }
+                }
+                best.map(|(place, _)| place)
+            }
+            Self::WhereItPays { probe_cost } => savings.position(|saving| saving > probe_cost),
+        }
+    }
+
     /// Checks its figure.
     ///
     /// # Errors
@@ -134,7 +153,7 @@ impl ProbePolicy {
                 metres > 0.0,
                 "it must be above 0 m",
             ),
-            Self::WhereItMatters { probe_cost } => (
+            Self::WhereItMatters { probe_cost } | Self::WhereItPays { probe_cost } => (
                 "cost of a reading",
                 probe_cost,
                 probe_cost >= 0.0,

@@ -646,6 +646,10 @@ fn each_policy_probes_when_it_says() {
     assert_eq!(next(ProbePolicy::EveryMetres(50.0), 50.0), Some(here));
     assert_eq!(next(ProbePolicy::WhereItMatters { probe_cost: 5.0 }, 0.0), Some(far));
     assert_eq!(next(ProbePolicy::WhereItMatters { probe_cost: 20.0 }, 0.0), None);
+    assert_eq!(next(ProbePolicy::WhereItPays { probe_cost: 5.0 }, 0.0), Some(near));
+    assert_eq!(next(ProbePolicy::WhereItPays { probe_cost: 10.0 }, 0.0), Some(far));
+    assert_eq!(next(ProbePolicy::WhereItPays { probe_cost: 20.0 }, 0.0), None);
+    assert!(ProbePolicy::WhereItPays { probe_cost: -1.0 }.validate().is_err());
     assert!(ProbePolicy::EveryMetres(0.0).validate().is_err());
     assert!(ProbePolicy::WhereItMatters { probe_cost: f64::NAN }.validate().is_err());
     assert!(ProbePolicy::Never.validate().is_ok());

@@ -212,6 +212,8 @@ pub enum Event {
     },
     /// The pose jumped; what was seen before is forgotten.
     PoseJump {
+        /// By how much it turned, counter-clockwise.
+        turn_rad: f64,
         /// How far, in metres.
         distance_m: f64,
     },

@@ -3,7 +3,7 @@
 use crate::grid::Position;
 use crate::local::{CertaintyGrid, CertaintyParams};
 use crate::nest::Navigability;
-use crate::sensor::{PenetrometerReading, Pose, Scan, wrap};
+use crate::sensor::{Mount, PenetrometerReading, Pose, Scan, wrap};
 use crate::vehicle::Vehicle;
 
 use super::event::{Command, Event, Reason, Recovery, Status};
@@ -17,7 +17,7 @@ use super::probing::Probing;
 use super::region::{Region, RegionState, Source};
 use super::route::{Ground, Layout, RouteWindow, Standing};
 use super::safety::Surroundings;
-use super::sense::{MEMORY_CELLS, SURE};
+use super::sense::{MEMORY_CELLS, Repeat, SURE};
 use super::steer::Local;
 use super::thread::Met;
 use super::tracks::Tracks;
@@ -28,6 +28,10 @@ use super::watch::Watch;
 /// Greatest coordinate, in metres, and speed that count as usable.
 const PLACE_MAX_M: f64 = 1e8;
 const SPEED_MAX: f64 = 1e3;
+
+/// A pose that moved or turned by this much more than one and a half times what the vehicle can has jumped.
+const JUMP_M: f64 = 0.5;
+const JUMP_RAD: f64 = 0.5;
 
 /// Seconds that count for the first step, and at most for any.
 const FIRST_STEP_S: f64 = 0.1;
@@ -94,8 +98,9 @@ pub struct Navigator {
     told_s: Option<f64>,
     pub(super) scan_time_s: Option<f64>,
     pub(super) refused: Option<Reason>,
-    pub(super) last_ranges: Vec<f64>,
-    pub(super) same_since: Option<Pose>,
+    pub(super) repeat: Repeat,
+    /// The same for every further sensor, by its mount.
+    pub(super) repeats: Vec<(Mount, Repeat)>,
     pub(super) last_command: Command,
     reason: Reason,
     pub(super) events: Vec<Event>,
@@ -172,8 +177,8 @@ impl Navigator {
             told_s: None,
             scan_time_s: None,
             refused: None,
-            last_ranges: Vec::new(),
-            same_since: None,
+            repeat: Repeat::default(),
+            repeats: Vec::new(),
             last_command: Command {
                 speed_mps: 0.0,
                 turn_rate_radps: 0.0,
@@ -278,7 +283,7 @@ impl Navigator {
         if kept.is_ok() {
             self.begin_region(at);
         }
-        self.look(seen.time_s, &pose, scan, step_s);
+        let is_taken = self.look(seen.time_s, &pose, scan, step_s);
         if let Err(reason) = kept {
             return stand(Status::Fault, reason);
         }
@@ -291,15 +296,17 @@ impl Navigator {
             self.end = Some((Status::Reached, Reason::AtGoal));
             return stand(Status::Reached, Reason::AtGoal);
         }
-        let Some(scan_s) = self.scan_time_s else {
+        let Some(scan_s) = &mut self.scan_time_s else {
             return stand(Status::Fault, self.refused.unwrap_or(Reason::NoScanYet));
         };
-        let age_s = seen.time_s - scan_s;
+        // What comes from a clock that runs ahead is of now at best, and ages from now on.
+        *scan_s = scan_s.min(seen.time_s);
+        let age_s = seen.time_s - *scan_s;
         if age_s > self.params.stale_s {
             self.watch.restart();
             return stand(Status::Fault, self.refused.unwrap_or(Reason::StaleScan));
         }
-        let scan = scan.filter(|_| age_s == 0.0);
+        let scan = scan.filter(|_| is_taken);
         self.gather(&pose, seen.speed_mps);
         if let Some(reason) = self.own_ground(at) {
             self.end = Some((Status::Stopped, reason));
@@ -376,15 +383,16 @@ impl Navigator {
             return Ok(FIRST_STEP_S);
         };
         let step_s = time_s - last_s;
-        let moved_m = last.distance_m(pose);
+        let (distance_m, turn_rad) = (last.distance_m(pose), wrap(pose.heading_rad - last.heading_rad));
         if step_s < 0.0 {
             // What came before is of another time; the next step goes on from this one.
             self.scan_time_s = None;
             self.watch.restart();
             return Err(Reason::ClockWentBack);
         }
-        if moved_m > 1.5 * self.shape.max_speed_mps * step_s + 0.5 {
-            self.events.push(Event::PoseJump { distance_m: moved_m });
+        let may_turn_rad = 1.5 * self.shape.max_turn_rate_radps * step_s + JUMP_RAD;
+        if distance_m > 1.5 * self.shape.max_speed_mps * step_s + JUMP_M || turn_rad.abs() > may_turn_rad {
+            self.events.push(Event::PoseJump { distance_m, turn_rad });
             self.grid.clear();
             self.memory.clear();
             self.met.clear();

@@ -151,13 +151,13 @@ impl Navigator {
                 self.probing.left_m = Some((metres - self.probing.since_last_m).max(0.0));
                 self.probing.since_last_m >= metres
             }
-            ProbePolicy::WhereItMatters { probe_cost } => self.is_worth_a_reading(cone, probe_cost),
+            policy => self.is_worth_a_reading(cone, policy),
         }
     }
 
-    /// Weighs readings along the way ahead of the cone, as much in a step as is quick, and says when it is where the first one
-    /// pays. The robot drives no faster than it can stop there, or where a reading is not weighed yet.
-    fn is_worth_a_reading(&mut self, at: Position, probe_cost: f64) -> bool {
+    /// Weighs readings along the way ahead of the cone, as much in a step as is quick, and says when it is where the policy
+    /// takes one. The robot drives no faster than it can stop there, or where a reading is not weighed yet.
+    fn is_worth_a_reading(&mut self, at: Position, policy: ProbePolicy) -> bool {
         let Some(knowledge) = self.region.as_mut().and_then(RegionState::knowledge_mut) else {
             return false;
         };
@@ -180,12 +180,12 @@ impl Navigator {
         };
         let dead_end_s = knowledge.route_cost().unwrap_or(0.0).max(STUCK_S);
         let mut work = 0;
-        // Once one pays, those behind it are left for later.
-        let pays = |outlook: &Outlook| outlook.is_done() && outlook.saving > probe_cost;
+        // Once the first that pays is found, those behind it are left for later.
+        let settles = |outlook: &Outlook| matches!(policy, ProbePolicy::WhereItPays { probe_cost } if outlook.is_done() && outlook.saving > probe_cost);
         while let Some(outlook) = plan
             .outlooks
             .iter_mut()
-            .take_while(|outlook| !pays(outlook))
+            .take_while(|outlook| !settles(outlook))
             .find(|outlook| !outlook.is_done())
         {
             if work >= WORK_PER_STEP {
@@ -201,8 +201,10 @@ impl Navigator {
             let sites = 0..plan.outlooks.len();
             let nearest = sites.min_by(|&a, &b| away_m(&plan.outlooks[a]).total_cmp(&away_m(&plan.outlooks[b])));
             let ahead = nearest.map_or(&[][..], |nearest| &plan.outlooks[nearest..]);
-            // The first of them: what one farther on tells comes too late for the ground before it.
-            let best = ahead.iter().find(|outlook| pays(outlook));
+            let weighed = ahead
+                .iter()
+                .map(|outlook| if outlook.is_done() { outlook.saving } else { 0.0 });
+            let best = policy.pick(weighed).map(|place| &ahead[place]);
             plan.chosen = best.map(|best| (best.site, best.saving, f64::INFINITY));
         }
         let Some((site, saving, nearest_m)) = &mut plan.chosen else {

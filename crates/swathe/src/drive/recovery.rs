@@ -60,7 +60,8 @@ impl Navigator {
             return None;
         }
         // Back over ground that has carried it first; what is nearest may lie beyond the worst.
-        if !region.leaving_no_go
+        if self.params.recover
+            && !region.leaving_no_go
             && let Some(left_m) = region.way_back_m(at)
         {
             region.leaving_no_go = true;
@@ -165,7 +166,9 @@ impl Navigator {
             }
             Some(Recovery::BackOff { left_m }) => {
                 if let Some(wanted) = self.back_on(now, left_m) {
-                    return Some((wanted, Status::Recovering, Reason::Trapped));
+                    let leaves = self.region.as_ref().is_some_and(|region| region.leaving_no_go);
+                    let reason = if leaves { Reason::GroundNoGo } else { Reason::Trapped };
+                    return Some((wanted, Status::Recovering, reason));
                 }
                 self.finish();
             }

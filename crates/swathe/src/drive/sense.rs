@@ -26,23 +26,64 @@ const MET_STEP: usize = 1 << 12;
 const CONE_MAX_RAD: f64 = std::f64::consts::PI;
 const MOST_RAYS: usize = 32;
 
+/// Further sensors of which the last scan is kept.
+const MOST_SENSORS: usize = 16;
+
+/// The last scan of a sensor, and the pose from which it first looked so.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Repeat {
+    ranges_m: Vec<f64>,
+    since: Pose,
+}
+
+impl Repeat {
+    /// Whether a scan repeats the last one to the last bit while the robot has moved: nothing that stands still looks the same
+    /// from elsewhere.
+    fn is_frozen(&mut self, scan: &Scan, pose: &Pose) -> bool {
+        let beams = 0..scan.ranges_m.len();
+        let returns = beams
+            .filter(|&beam| matches!(scan.beam(beam), Return::Obstacle { .. }))
+            .count();
+        let is_telling = scan.ranges_m.len() >= TELLING_BEAMS && returns >= TELLING_RETURNS;
+        // A beam that was lost, not a number, is lost again in a scan that is repeated.
+        let mut pairs = self.ranges_m.iter().zip(&scan.ranges_m);
+        let is_same = self.ranges_m.len() == scan.ranges_m.len() && pairs.all(|(a, b)| a.to_bits() == b.to_bits());
+        if !(is_telling && is_same) {
+            self.ranges_m.clone_from(&scan.ranges_m);
+            self.since = *pose;
+            return false;
+        }
+        let turned_rad = wrap(self.since.heading_rad - pose.heading_rad).abs();
+        self.since.distance_m(pose) > 0.3 || turned_rad > 0.3
+    }
+}
+
+/// Refuses what is no scan, and one without a beam that tells anything.
+fn check_beams(scan: &Scan) -> Result<(), Reason> {
+    scan.validate().map_err(|_| Reason::BadScan)?;
+    if (0..scan.ranges_m.len()).all(|beam| scan.beam(beam) == Return::Invalid) {
+        return Err(Reason::BlindScan);
+    }
+    Ok(())
+}
+
 impl Navigator {
-    /// Takes in a scan, or notes why not.
-    pub(super) fn look(&mut self, time_s: f64, pose: &Pose, scan: Option<&Scan>, step_s: f64) {
+    /// Takes in a scan, or notes why not; returns whether there was one to take in.
+    pub(super) fn look(&mut self, time_s: f64, pose: &Pose, scan: Option<&Scan>, step_s: f64) -> bool {
         self.grid.move_to(pose.x_m, pose.y_m);
-        self.grid.fade(step_s);
         self.grid.doubt_poses(self.odometry.doubt());
         // Nobody sets a vehicle down nearer to things than a cell.
         let is_first = self.scan_time_s.is_none();
         let beside_m = if is_first { self.grid.params().cell_size_m } else { 0.0 };
         let half_width_m = self.shape.half_width_m + beside_m;
         self.grid.stand_on(pose, self.shape.half_length_m, half_width_m);
+        self.grid.fade(step_s);
         self.remember();
-        let Some(scan) = scan else { return };
+        let Some(scan) = scan else { return false };
         if let Err(reason) = self.check_scan(scan, pose) {
             self.refused = Some(reason);
             self.events.push(Event::ScanRefused { reason });
-            return;
+            return false;
         }
         self.refused = None;
         self.scan_time_s = Some(time_s);
@@ -51,6 +92,7 @@ impl Navigator {
         self.unconfirmed
             .observe(time_s, (pose, scan), &self.tracks.beams, &self.grid, &self.shape);
         self.tracks.observe(time_s, pose, scan);
+        true
     }
 
     fn take_in(&mut self, pose: &Pose, scan: &Scan) {
@@ -108,7 +150,7 @@ impl Navigator {
         // What a step says of a robot that sees nothing more.
         match taken {
             Ok(()) => self.refused = None,
-            Err(reason @ (Reason::BadScan | Reason::BlindScan)) => self.refused = Some(reason),
+            Err(reason @ (Reason::BadScan | Reason::BlindScan | Reason::FrozenScan)) => self.refused = Some(reason),
             Err(_) => {}
         }
         taken
@@ -118,16 +160,16 @@ impl Navigator {
         if !(is_place(time_s, pose) && (0.0..=CONE_MAX_RAD).contains(&cone_rad)) {
             return Err(Reason::BadState);
         }
-        scan.validate().map_err(|_| Reason::BadScan)?;
-        let beams = scan.ranges_m.len();
-        if (0..beams).all(|beam| scan.beam(beam) == Return::Invalid) {
-            return Err(Reason::BlindScan);
-        }
+        check_beams(scan)?;
         // A clock that went back or a pose that jumped is the next step's to tell.
         let far_m = self.grid.side_cells() as f64 * self.grid.params().cell_size_m / 2.0;
         let (x_m, y_m) = self.grid.middle_m();
         if (x_m - pose.x_m).hypot(y_m - pose.y_m) > far_m && self.scan_time_s.is_some() {
             return Err(Reason::PoseJumped);
+        }
+        // The middle of a cone tells the nearest of all it meets, and that may well stay the same along a wall.
+        if cone_rad == 0.0 && self.is_frozen_between_steps(scan, pose) {
+            return Err(Reason::FrozenScan);
         }
         let pose = self.odometry.now(&Pose {
             heading_rad: wrap(pose.heading_rad),
@@ -140,7 +182,7 @@ impl Navigator {
         if sides == 0 {
             self.take_in(&pose, scan);
         } else {
-            for beam in 0..beams {
+            for beam in 0..scan.ranges_m.len() {
                 self.take_in_cone(&pose, scan, beam, cone_rad, sides);
             }
         }
@@ -148,24 +190,22 @@ impl Navigator {
         Ok(())
     }
 
+    /// Whether a further sensor, told by where it is mounted, repeats itself.
+    fn is_frozen_between_steps(&mut self, scan: &Scan, pose: &Pose) -> bool {
+        let known = self.repeats.iter().position(|(mount, _)| *mount == scan.mount);
+        let place = known.unwrap_or_else(|| {
+            if self.repeats.len() >= MOST_SENSORS {
+                self.repeats.remove(0);
+            }
+            self.repeats.push((scan.mount, Repeat::default()));
+            self.repeats.len() - 1
+        });
+        self.repeats[place].1.is_frozen(scan, pose)
+    }
+
     fn check_scan(&mut self, scan: &Scan, pose: &Pose) -> Result<(), Reason> {
-        scan.validate().map_err(|_| Reason::BadScan)?;
-        let beams = || (0..scan.ranges_m.len()).map(|beam| scan.beam(beam));
-        if beams().all(|beam| beam == Return::Invalid) {
-            return Err(Reason::BlindScan);
-        }
-        let returns = beams().filter(|beam| matches!(beam, Return::Obstacle { .. })).count();
-        let is_telling = scan.ranges_m.len() >= TELLING_BEAMS && returns >= TELLING_RETURNS;
-        let is_same = is_telling && self.last_ranges == scan.ranges_m;
-        if !is_same {
-            self.last_ranges.clone_from(&scan.ranges_m);
-            self.same_since = Some(*pose);
-            return Ok(());
-        }
-        // Nothing that stands still looks the same from elsewhere.
-        let since = self.same_since.get_or_insert(*pose);
-        let turned_rad = wrap(since.heading_rad - pose.heading_rad).abs();
-        if since.distance_m(pose) > 0.3 || turned_rad > 0.3 {
+        check_beams(scan)?;
+        if self.repeat.is_frozen(scan, pose) {
             return Err(Reason::FrozenScan);
         }
         Ok(())

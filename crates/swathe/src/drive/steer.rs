@@ -49,6 +49,8 @@ pub(super) struct Local {
     kind: Kind,
     /// What the method of 1991 saw last; the others keep it themselves.
     seen: Option<PolarHistogram>,
+    /// What Player's method told of the last scan: it sees scans alone, and they may come less often than steps.
+    of_last_scan: Steering,
     nose_rad: Option<f64>,
     direction_rad: Option<f64>,
     side: usize,
@@ -105,6 +107,7 @@ impl Local {
         Self {
             kind,
             seen: None,
+            of_last_scan: Steering::CLOSED,
             nose_rad: None,
             direction_rad: None,
             side,
@@ -114,6 +117,7 @@ impl Local {
 
     /// Forgets the last step.
     pub fn forget(&mut self) {
+        self.of_last_scan = Steering::CLOSED;
         match &mut self.kind {
             Kind::Vfh(_) | Kind::Player(_) => {}
             Kind::Plus(vfh) => vfh.forget(),
@@ -159,7 +163,7 @@ impl Local {
                 vfh.steer(now.grid, pose, &body, towards, ground)
             }
             Kind::Player(vfh) => {
-                let Some(scan) = now.scan else { return Steering::CLOSED };
+                let Some(scan) = now.scan else { return self.of_last_scan };
                 let goal_rad = wrap(target_rad - pose.heading_rad);
                 let told = if let Some(ground) = &ground {
                     // The method sees scans alone: forbidden ground returns its beams.
@@ -170,11 +174,12 @@ impl Local {
                 } else {
                     vfh.update(scan, now.speed_mps, goal_rad, now.step_s)
                 };
-                Steering {
+                self.of_last_scan = Steering {
                     direction_rad: (told.speed_mps > 0.0).then(|| wrap(pose.heading_rad + told.direction_rad)),
                     crowding: 0.0,
                     width_rad: TAU,
-                }
+                };
+                self.of_last_scan
             }
         };
         (self.nose_rad, self.direction_rad) = (Some(pose.heading_rad), steering.direction_rad);

@@ -21,6 +21,9 @@ pub const CERTAINTY_MAX: u8 = 15;
 /// Certainty of a cell that no beam has reached, beyond every other.
 const UNSEEN: u8 = u8::MAX;
 
+/// Evidence fades this many times while it falls to 1/e: oftener, rounding would be all that happens.
+const FADES: f64 = 64.0;
+
 /// How evidence is counted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Evidence {
@@ -113,6 +116,9 @@ pub struct CertaintyGrid {
     scan: u16,
     doubt: PoseDoubt,
     levels: Levels,
+    /// Seconds for which evidence has not faded yet, and how often it did.
+    unfaded_s: f64,
+    fades: u64,
     /// Cells that the last scan first saw or whose certainty it changed, by lattice row and column.
     changed: Vec<(i64, i64)>,
     /// Cells in which the last scan met something in another part than before.
@@ -145,6 +151,18 @@ fn bit_of([right, down]: [u8; 2]) -> u64 {
     1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
 }
 
+/// A number from 0 to below 1 that looks drawn by chance, for a cell and a turn (the mixing of splitmix64).
+fn chance((row, column): (i64, i64), turn: u64) -> f64 {
+    let mut mixed = turn;
+    for part in [row as u64, column as u64] {
+        mixed = (mixed ^ part).wrapping_add(0x9E37_79B9_7F4A_7C15);
+        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^= mixed >> 31;
+    }
+    (mixed >> 11) as f64 / (1_u64 << 53) as f64
+}
+
 impl CertaintyGrid {
     /// A window around a place, nothing seen.
     pub fn new(params: CertaintyParams, x_m: f64, y_m: f64) -> Self {
@@ -164,6 +182,8 @@ impl CertaintyGrid {
             scan: 0,
             doubt: PoseDoubt::default(),
             levels,
+            unfaded_s: 0.0,
+            fades: 0,
             changed: Vec::new(),
             reshaped: Vec::new(),
             ends: Vec::new(),
@@ -244,18 +264,33 @@ impl CertaintyGrid {
         }
     }
 
-    /// Lets evidence fade for some seconds.
+    /// Lets evidence fade for some seconds. [`Self::changed`] holds the cells whose certainty that changed as well.
+    ///
+    /// Levels are whole numbers: they are rounded up or down by chance, which hangs on the cell alone, so that on average they
+    /// fall as they should.
     pub fn fade(&mut self, seconds: f64) {
-        let keep = (-seconds.max(0.0) / self.params.fade_s).exp();
-        if keep >= 1.0 {
+        if self.params.fade_s.is_infinite() {
             return;
         }
-        for (index, certainty) in self.certainty.iter_mut().enumerate() {
-            if *certainty != UNSEEN {
-                let count = self.counts.get(index);
-                let level = (f64::from(count.level) * keep) as i16;
-                self.counts.set(index, Count { level, ..count });
-                *certainty = self.levels.certainty(level);
+        self.unfaded_s += seconds.max(0.0);
+        if self.unfaded_s < self.params.fade_s / FADES {
+            return;
+        }
+        let keep = (-std::mem::take(&mut self.unfaded_s) / self.params.fade_s).exp();
+        self.fades += 1;
+        let Window { first, last, .. } = self.window();
+        for cell in (first.0..=last.0).flat_map(|row| (first.1..=last.1).map(move |column| (row, column))) {
+            let index = self.wrapped(cell);
+            if self.certainty[index] == UNSEEN {
+                continue;
+            }
+            let count = self.counts.get(index);
+            let level = (f64::from(count.level) * keep + chance(cell, self.fades)).floor() as i16;
+            self.counts.set(index, Count { level, ..count });
+            let after = self.levels.certainty(level);
+            if after != self.certainty[index] {
+                self.certainty[index] = after;
+                self.changed.push(cell);
             }
         }
     }

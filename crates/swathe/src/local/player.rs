@@ -11,7 +11,8 @@ use crate::sensor::{Scan, wrap};
 use super::polar::{Cells, direction_of, openings};
 use super::{GOODNESS_MAX, Goodness};
 
-/// The driver's parameters and defaults, in SI units. `_0ms` and `_1ms` hold at 0 and 1 m/s, linear between and beyond.
+/// The driver's parameters and defaults, in SI units. `_0ms` and `_1ms` hold at 0 and 1 m/s, linear between and beyond;
+/// safety distance and turn rate never fall below 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlayerParams {
     /// `cell_size` in metres.
@@ -207,10 +208,10 @@ impl PlayerVfh {
         step_s: f64,
         ground: Option<Goodness>,
     ) -> PlayerSteering {
-        let at_speed = |pair: [f64; 2]| pair[0] + (pair[1] - pair[0]) * speed_mps.clamp(0.0, 1.0);
+        let at_speed = |pair: [f64; 2]| pair[0] + (pair[1] - pair[0]) * speed_mps.max(0.0);
         let params = self.params;
-        let max_turn_radps = at_speed(params.max_turnrate_radps);
-        let enlarged_m = params.robot_radius_m + at_speed(params.safety_dist_m);
+        let max_turn_radps = at_speed(params.max_turnrate_radps).max(0.0);
+        let enlarged_m = params.robot_radius_m + at_speed(params.safety_dist_m).max(0.0);
         let ranges_m = half_degrees(scan);
         if !self.fill(&ranges_m, enlarged_m) {
             self.speed_mps = 0.0;
@@ -431,6 +432,28 @@ mod tests {
         let steering = vfh.update(&scan(&[(0.4, 0.0, 0.15)]), 0.2, 0.0, 0.1);
         assert_eq!(steering.speed_mps, 0.0);
         approx::assert_relative_eq!(steering.turn_rate_radps, 40f64.to_radians());
+    }
+
+    #[test]
+    fn what_is_given_for_rest_and_1_mps_goes_on_in_a_straight_line_beyond() {
+        let params = PlayerParams {
+            safety_dist_m: [0.1, 0.3],
+            max_turnrate_radps: [1.0, 0.6],
+            ..PlayerParams::default()
+        };
+        let behind = |speed_mps: f64| {
+            let mut vfh = PlayerVfh::new(params);
+            vfh.update(&scan(&[]), speed_mps, PI, 0.1).turn_rate_radps.abs()
+        };
+        for (speed_mps, radps) in [(-1.0, 1.0), (0.0, 1.0), (1.0, 0.6), (2.0, 0.2), (3.0, 0.0)] {
+            approx::assert_relative_eq!(behind(speed_mps), radps, epsilon = 1e-9);
+        }
+        // 0.6 m away: near enough to stop for at 2 m/s, not at 1 m/s.
+        let stops = |speed_mps: f64| {
+            let mut vfh = PlayerVfh::new(params);
+            vfh.update(&scan(&[(0.75, 0.0, 0.15)]), speed_mps, 0.0, 0.1).speed_mps == 0.0
+        };
+        assert!(stops(2.0) && !stops(1.0));
     }
 
     #[test]

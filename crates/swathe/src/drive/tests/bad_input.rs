@@ -91,7 +91,9 @@ fn clock_and_pose_that_jump_stop_the_robot_once() {
     assert!(step(&mut navigator, 9.1, Pose::default(), Some(&scan)).speed_mps > 0.0);
     let jump = step(&mut navigator, 9.2, Pose::level(50.0, 0.0, 0.0), Some(&scan));
     assert_eq!((jump.status, navigator.reason()), (Status::Fault, Reason::PoseJumped));
-    assert!(matches!(navigator.events()[0], Event::PoseJump { distance_m } if distance_m == 50.0));
+    assert!(
+        matches!(navigator.events()[0], Event::PoseJump { distance_m, turn_rad } if (distance_m, turn_rad) == (50.0, 0.0))
+    );
     let after = step(&mut navigator, 9.3, Pose::level(50.0, 0.0, 0.0), Some(&scan));
     assert_eq!(after.status, Status::Driving);
 }

@@ -353,10 +353,42 @@ fn probing_where_it_matters_keeps_the_robot_out_of_a_bog_that_the_map_does_not_k
         )
     };
     let (blind_m, never) = metres_in_bog(ProbePolicy::Never);
-    let (probed_m, probes) = metres_in_bog(ProbePolicy::WhereItMatters { probe_cost: 1.0 });
     assert_eq!(never, 0);
-    assert!((1..=8).contains(&probes), "{probes}");
-    assert!(blind_m > 25.0 && probed_m < 0.9 * blind_m, "{blind_m} {probed_m}");
+    let probe_cost = 1.0;
+    for policy in [
+        ProbePolicy::WhereItMatters { probe_cost },
+        ProbePolicy::WhereItPays { probe_cost },
+    ] {
+        let (probed_m, probes) = metres_in_bog(policy);
+        assert!((1..=8).contains(&probes), "{policy:?}: {probes}");
+        assert!(
+            blind_m > 25.0 && probed_m < 0.9 * blind_m,
+            "{policy:?}: {blind_m} {probed_m}"
+        );
+    }
+}
+
+#[test]
+fn a_reading_is_taken_where_it_saves_most_or_where_the_first_one_pays() {
+    // Gravel at first, which may be something else, and sand from 16 m on, which is likelier not to carry.
+    let probe_cost = 1.0;
+    let wanted = |probing| {
+        let params = DriveParams {
+            probing,
+            ..DriveParams::default()
+        };
+        let mut drive = Drive::new(navigator(ground(&OVAL, 0.0), (60.0, 0.0), params), (6.0, 0.0), None);
+        drive.run(30.0);
+        let savings = drive.events.iter().filter_map(|event| match event {
+            Event::ProbeWanted { at, expected_saving_s } => Some((at.x_m, expected_saving_s.unwrap())),
+            _ => None,
+        });
+        savings.collect::<Vec<_>>()
+    };
+    let first = wanted(ProbePolicy::WhereItPays { probe_cost })[0];
+    let most = wanted(ProbePolicy::WhereItMatters { probe_cost })[0];
+    assert!(first.0 < 8.0 && (16.0..17.0).contains(&most.0), "{first:?} {most:?}");
+    assert!(first.1 > probe_cost && most.1 > first.1, "{first:?} {most:?}");
 }
 
 #[test]

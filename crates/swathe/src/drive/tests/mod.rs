@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod closed_loop;
+mod faults;
 mod learning;
 mod movers;
 mod odometry;

@@ -3,6 +3,7 @@
 use super::*;
 use crate::sensor::Mount;
 use proptest::prelude::*;
+use rstest::rstest;
 use std::f64::consts::PI;
 
 fn beam(range_m: f64) -> Scan {
@@ -98,9 +99,46 @@ fn evidence_fades() {
     grid.stamp(1.0, 1.0);
     assert_eq!(grid.certainty_at(1.0, 1.0), Some(15));
     grid.fade(30.0);
-    assert_eq!(grid.certainty_at(1.0, 1.0), Some(5));
+    // 15 / e is 5.5.
+    assert!(matches!(grid.certainty_at(1.0, 1.0), Some(5 | 6)));
     grid.fade(f64::INFINITY);
     assert_eq!(grid.certainty_at(1.0, 1.0), Some(0));
+    assert_eq!(grid.changed().len(), 2);
+}
+
+#[rstest]
+fn evidence_fades_in_its_time_however_small_the_steps(
+    #[values(Evidence::himm(), Evidence::default())] evidence: Evidence,
+    #[values(0.5, 30.0, 1e5)] fade_s: f64,
+    #[values(1.0 / 35.0, 0.1, 2.0)] step_s: f64,
+) {
+    let mut grid = grid(evidence, fade_s);
+    for row in -15..=15 {
+        for column in -15..=15 {
+            grid.stamp(0.1 * f64::from(column), 0.1 * f64::from(row));
+        }
+    }
+    let level = |grid: &CertaintyGrid| {
+        let cells: Vec<_> = grid
+            .seen()
+            .map(|(x, y, _)| grid.index(grid.lattice(x, y)).unwrap())
+            .collect();
+        cells
+            .iter()
+            .map(|&index| f64::from(grid.counts.get(index).level))
+            .sum::<f64>()
+            / cells.len() as f64
+    };
+    let before = level(&grid);
+    let steps = (30.0 / step_s).round();
+    for _ in 0..steps as usize {
+        grid.fade(step_s);
+    }
+    // The last of it may not have been due yet.
+    let faded_s = steps * step_s - grid.unfaded_s;
+    assert!(grid.unfaded_s < fade_s / 64.0);
+    let (share, wanted) = (level(&grid) / before, (-faded_s / fade_s).exp());
+    assert!((share - wanted).abs() < 0.02, "{share} {wanted}");
 }
 
 proptest! {
