@@ -60,6 +60,33 @@ fn a_circle_closes() {
     assert_relative_eq!(robot.state().pose.distance_m(&before), diameter_m, epsilon = 1e-6);
 }
 
+/// The turns of wheels and vehicle, in rad, in a time at a command after it has come up to it.
+fn turned(steering: Steering, command: Command) -> (f64, f64) {
+    let world = plain(0.0);
+    let mut robot = body(&world, pioneer(), steering, Pose::level(0.0, 0.0, 0.0));
+    robot.step(&world, command, 4.0);
+    let (mut wheels_rad, mut vehicle_rad) = (0.0, 0.0);
+    for _ in 0..100 {
+        let before = *robot.state();
+        let after = *robot.step(&world, command, 0.02);
+        wheels_rad += 0.02 * after.wheel_turn_rate_radps;
+        vehicle_rad += wrap(after.pose.heading_rad - before.pose.heading_rad);
+    }
+    (wheels_rad, vehicle_rad)
+}
+
+#[test]
+fn wheels_that_skid_turn_the_vehicle_a_tenth_less_than_it_is_told() {
+    for command in [go(0.5, 0.4), go(0.5, -0.4), go(-0.5, 0.4), go(0.0, 1.0)] {
+        let told_rad = 2.0 * command.turn_rate_radps;
+        let (wheels_rad, vehicle_rad) = turned(Steering::Skid, command);
+        assert_relative_eq!(wheels_rad, told_rad, epsilon = 1e-9);
+        assert_relative_eq!(vehicle_rad, 0.9 * told_rad, epsilon = 1e-9);
+        let (_, vehicle_rad) = turned(Steering::Differential, command);
+        assert_relative_eq!(vehicle_rad, told_rad, epsilon = 1e-9);
+    }
+}
+
 #[test]
 fn braking_takes_the_distance_of_its_deceleration() {
     let world = plain(0.0);

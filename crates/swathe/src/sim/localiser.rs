@@ -174,3 +174,7 @@ impl Localiser {
         self.estimate
     }
 }
+
+#[cfg(test)]
+#[path = "localiser_tests.rs"]
+mod tests;
