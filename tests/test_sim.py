@@ -168,6 +168,29 @@ def test_the_truth_behind_a_map_differs_as_asked() -> None:
     assert truth.elevation_m[29:31].mean() < -4
 
 
+@pytest.mark.parametrize(
+    ("name", "beams", "range_m", "resolution_m", "rate_hz"),
+    [
+        ("sick-lms200-8m", 181, 8.192, 0.001, 35),
+        ("sick-lms200-8m-361", 361, 8.192, 0.001, 32),
+        ("sick-lms200-80m", 181, 81.92, 0.01, 35),
+        ("sick-lms200-80m-361", 361, 81.92, 0.01, 32),
+    ],
+)
+def test_a_preset_of_the_lms_200_is_what_its_name_says(
+    name: sim.Preset, beams: int, range_m: float, resolution_m: float, rate_hz: float
+) -> None:
+    laser = sim.Laser.preset(name)
+    assert (laser.beams, laser.range_max_m, laser.resolution_m, laser.rate_hz) == (
+        beams,
+        range_m,
+        resolution_m,
+        rate_hz,
+    )
+    assert laser.angle_min_rad == pytest.approx(-math.pi / 2)
+    assert laser.angle_increment_rad * (beams - 1) == pytest.approx(math.pi)
+
+
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ShapeMismatchError):
         sim.World(np.zeros((3, 3)), np.ones((2, 2)))

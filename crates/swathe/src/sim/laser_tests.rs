@@ -3,10 +3,12 @@
 use super::*;
 use crate::grid::{GridGeometry, Layer};
 use crate::sim::world::tests::plain;
-use crate::sim::{Mover, Obstacle};
+use crate::sim::{Command, Motion, Mover, Obstacle, Robot, RobotParams, Steering};
 use crate::soil::SoilClass;
+use crate::vehicle::fixtures::pioneer;
 use approx::assert_relative_eq;
 use proptest::prelude::*;
+use rstest::rstest;
 
 fn still(world: &World, laser: &Laser, pose: &Pose) -> Vec<f64> {
     laser.true_ranges_m(world, pose, 0.0, 0.0)
@@ -124,6 +126,85 @@ fn a_scan_has_noise_steps_losses_and_limits_and_repeats_by_seed() {
         "{mean} {deviation}"
     );
     assert!((f64::from(lost) / (200.0 * 361.0) - 0.2).abs() < 0.01, "{lost}");
+}
+
+/// Beams, degrees between them, greatest range and step of ranges in metres, and greatest rate of the device on its fast line.
+const LMS200: [(bool, bool, usize, f64, f64, f64, f64); 4] = [
+    (false, false, 181, 1.0, 8.192, 0.001, 75.0),
+    (true, false, 361, 0.5, 8.192, 0.001, 32.0),
+    (false, true, 181, 1.0, 81.92, 0.01, 75.0),
+    (true, true, 361, 0.5, 81.92, 0.01, 32.0),
+];
+
+#[test]
+fn an_lms_200_has_the_beams_ranges_steps_and_rates_of_its_modes() {
+    for (half_degrees, far, beams, degrees, range_max_m, resolution_m, most_hz) in LMS200 {
+        let laser = Laser::sick_lms200(half_degrees, far);
+        laser.validate().unwrap();
+        assert_eq!(
+            (laser.beams, laser.range_max_m, laser.resolution_m),
+            (beams, range_max_m, resolution_m)
+        );
+        assert_relative_eq!(laser.angle_increment_rad, degrees.to_radians(), epsilon = 1e-12);
+        assert_relative_eq!(laser.body_rad(0), -PI / 2.0, epsilon = 1e-12);
+        assert_relative_eq!(laser.body_rad(beams - 1), PI / 2.0, epsilon = 1e-12);
+        // A range is a number of 13 bits, in steps.
+        assert_relative_eq!(range_max_m, 8192.0 * resolution_m, epsilon = 1e-9);
+        assert_eq!(laser.rate_hz, most_hz.min(35.0));
+    }
+}
+
+/// Ranges straight ahead to a wall at a distance from the sensor, as they are measured without noise.
+fn ahead_m(half_degrees: bool, far: bool, distance_m: f64) -> f64 {
+    let laser = Laser {
+        noise_m: 0.0,
+        ..Laser::sick_lms200(half_degrees, far)
+    };
+    let mut world = plain(0.0);
+    let x_m = laser.mount.x_m + distance_m;
+    let wall = Shape::Wall(vec![Position::new(x_m, -9.0), Position::new(x_m, 9.0)]);
+    world.place(vec![obstacle(wall, 1.0)]).unwrap();
+    let scan = laser.scan(&world, &Pose::default(), 0.0, 0.0, Noise::new(1), 1);
+    scan.ranges_m[laser.beams / 2]
+}
+
+#[test]
+fn an_lms_200_measures_to_8191_steps_of_its_mode_and_nothing_beyond() {
+    for half_degrees in [false, true] {
+        for (far, step_m, found) in [
+            (false, 0.001, [(5.0004, 5.0), (5.0006, 5.001), (8.191, 8.191)]),
+            (true, 0.01, [(5.004, 5.0), (5.006, 5.01), (81.91, 81.91)]),
+        ] {
+            for (distance_m, measured_m) in found {
+                assert_relative_eq!(ahead_m(half_degrees, far, distance_m), measured_m, epsilon = 1e-9);
+            }
+            assert_eq!(ahead_m(half_degrees, far, 8191.6 * step_m), f64::INFINITY);
+            assert_eq!(ahead_m(half_degrees, far, 0.19), 0.0);
+            assert_eq!(ahead_m(half_degrees, far, 50.0).is_finite(), far);
+        }
+    }
+}
+
+#[rstest]
+#[case(false, 35)]
+#[case(true, 32)]
+fn a_robot_gets_as_many_scans_a_second_as_its_laser_takes(#[case] half_degrees: bool, #[case] scans: usize) {
+    let world = plain(0.0);
+    let limits = Motion {
+        steering: Steering::Differential,
+        max_acceleration_mps2: 0.5,
+        max_braking_mps2: 0.8,
+        max_turn_rate_radps: 1.5,
+    };
+    let params = RobotParams {
+        laser: Laser::sick_lms200(half_degrees, false),
+        ..RobotParams::default()
+    };
+    let mut robot = Robot::new(&world, pioneer(), limits, Pose::default(), params).unwrap();
+    // The first step also gives the scan of the start.
+    robot.step(&world, Command::default(), 0.005);
+    let got = (0..400).filter(|_| robot.step(&world, Command::default(), 0.005).scan.is_some());
+    assert_eq!(got.count(), 2 * scans);
 }
 
 #[test]
