@@ -126,6 +126,10 @@ impl Navigator {
         if self.thread.search.is_some() || self.thread.leg >= self.thread.legs.len() {
             return self.search_on(now);
         }
+        // What no sensor sees holds the robot: off this way that is noticed, and remembered for the next.
+        if self.watch.is_held() {
+            return Threaded::Lost;
+        }
         let at = now.at();
         let left_behind = self
             .thread
