@@ -130,9 +130,9 @@ fn slopes_beyond_its_limits_on_more_hills(#[case] name: &str, #[case] vehicle: V
     println!("{name}: reached {reached} of 24, onto slopes beyond the limits {entered} times");
 }
 
-/// The greatest speed that a vehicle is told on level ground of a class, and what that class allows.
-fn speeds_on(vehicle: &Vehicle, class: SoilClass, moisture_percent: f64) -> (f64, f64) {
-    let world = ground(|_, _| 0.0);
+/// The greatest speed that a vehicle is told on ground of a class with a grade ahead, and what soil and engine allow there.
+fn speeds_on(vehicle: &Vehicle, class: SoilClass, moisture_percent: f64, grade: f64) -> (f64, f64) {
+    let world = ground(|x_m, _| grade * x_m);
     let limits = motion(vehicle);
     let mut robot = Robot::new(&world, vehicle.clone(), limits, Pose::default(), RobotParams::default()).unwrap();
     let map = known(&world, vehicle, class, moisture_percent);
@@ -155,7 +155,8 @@ fn speeds_on(vehicle: &Vehicle, class: SoilClass, moisture_percent: f64) -> (f64
             turn_rate_radps: command.turn_rate_radps,
         };
     }
-    (most_mps, Trafficability::of(vehicle, class, moisture_percent).speed_mps)
+    let fares = Trafficability::of(vehicle, class, moisture_percent);
+    (most_mps, fares.powered_speed_mps(vehicle, grade))
 }
 
 #[test]
@@ -168,11 +169,30 @@ fn weak_soil_slows_the_vehicle() {
         let fares = Trafficability::of(&vehicle, SoilClass::Silt, wet);
         fares.go && fares.speed_mps < 0.7 * vehicle.max_speed_mps
     });
-    let (told_mps, allowed_mps) = speeds_on(&vehicle, SoilClass::Silt, wet.unwrap());
+    let (told_mps, allowed_mps) = speeds_on(&vehicle, SoilClass::Silt, wet.unwrap(), 0.0);
     assert!(
         told_mps <= allowed_mps + 1e-9 && told_mps > 0.8 * allowed_mps,
         "{told_mps} of {allowed_mps}"
     );
-    let (told_mps, _) = speeds_on(&vehicle, SoilClass::Gravel, 20.0);
+    let (told_mps, _) = speeds_on(&vehicle, SoilClass::Gravel, 20.0, 0.0);
     assert!(told_mps > 0.9 * vehicle.max_speed_mps, "{told_mps}");
+}
+
+#[rstest]
+#[case::jackal(Vehicle { power_w: 100.0, ..jackal() })]
+#[case::car(Vehicle { power_w: 8_000.0, ..car() })]
+fn a_grade_within_its_limits_slows_the_vehicle_uphill_alone(#[case] vehicle: Vehicle) {
+    let speeds_on = |grade: f64| speeds_on(&vehicle, SoilClass::Gravel, 20.0, grade);
+    let (steep, most_mps) = (0.3, vehicle.max_speed_mps);
+    assert!(steep < 0.8 * vehicle.grade_up && steep < 0.8 * vehicle.grade_down);
+    for grade in [0.0, -steep] {
+        let (told_mps, _) = speeds_on(grade);
+        assert!(told_mps > 0.9 * most_mps, "{grade}: {told_mps}");
+    }
+    let (told_mps, allowed_mps) = speeds_on(steep);
+    assert!(allowed_mps < 0.8 * most_mps, "{allowed_mps}");
+    assert!(
+        told_mps <= 1.005 * allowed_mps && told_mps > 0.8 * allowed_mps,
+        "{told_mps} of {allowed_mps}"
+    );
 }
