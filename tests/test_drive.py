@@ -11,6 +11,9 @@ from swathe.drive import Command, DriveParams, Navigator, Region
 from swathe.errors import UsageError
 from swathe.grid import GridGeometry
 from swathe.sensor import Pose, Scan
+from swathe.vehicle import load_vehicle, vehicle_names
+
+GRAVITY_MPS2 = 9.80665
 
 
 def clear(ranges_m: object = None) -> Scan:
@@ -48,6 +51,30 @@ def test_a_region_of_no_go_ground_stops_the_robot() -> None:
         "navigable": False,
         "disagreement": False,
     }
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_what_stands_a_stopping_distance_away_on_any_side_is_held_for_every_bundled_vehicle(name: str) -> None:
+    vehicle = load_vehicle(name)
+    speed = vehicle.max_speed_mps
+    braking = min(vehicle.max_braking_mps2, GRAVITY_MPS2 * vehicle.braking_friction)
+    stopping_m = speed * vehicle.reaction_time_s + speed**2 / (2 * braking)
+    # The nearest place of the footprint's circle is what must not come there.
+    range_m = stopping_m + vehicle.circumscribed_radius_m
+    around = np.radians(np.arange(-180, 180))
+    ring = Scan(np.full(360, range_m), -math.pi, math.radians(1), 0.1, range_m + 10)
+    x_m, y_m = 3.07, -5.02
+    navigator = Navigator(name, (1000.0, 0.0))
+    for step in range(8):
+        navigator.step(step / 10, Pose(x_m, y_m, 0.0), 0.0, 0.0, ring)
+    certainty = navigator.certainty
+    geometry = certainty.geometry
+    rows = np.floor((geometry.north_m - (y_m + range_m * np.sin(around))) / geometry.cell_size_m).astype(int)
+    columns = np.floor((x_m + range_m * np.cos(around) - geometry.west_m) / geometry.cell_size_m).astype(int)
+    assert min(rows.min(), columns.min()) >= 0
+    assert max(rows.max(), columns.max()) < geometry.rows
+    assert (certainty.cells[rows, columns] >= 6).all()
+    assert (certainty.cells[rows, columns] <= 15).all()
 
 
 def test_what_cannot_be_is_refused() -> None:
