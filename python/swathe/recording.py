@@ -70,7 +70,7 @@ def _live(made: Stage, second: Second, counts: Counter[str]) -> Live:
         float(odometry.speed_mps[-1]),
         math.hypot(made.goal.x_m - x_m, made.goal.y_m - y_m),
         counts["route"],
-        counts["probe"],
+        counts["reading_taken"],
         STATUSES[int(second.commands.status[-1])],
     )
 
