@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 
 import commands
 from swathe import driving, proving, trials
-from swathe.errors import InputError, InvalidScenarioError
+from swathe.errors import InputError, InvalidScenarioError, OutputError
 from swathe.export.folder import RUN_LOG
 from swathe.preparation import Stopwatch
 from swathe.runlog import RunLog, verify
@@ -247,7 +248,9 @@ def test_news_from_a_file_turn_the_drive_aside_and_are_verified_without_the_file
     assert refused[0]["line"] == 1
     assert len(refused) == 2
     feed.unlink()
-    assert driving.replay(out, again=True)["status"] == "equal"
+    # Each of the two drives hears the news: the one that is written, and the one that is compared.
+    assert driving.replay(out, again=True, out=tmp_path / "again")["status"] == "equal"
+    assert (tmp_path / "again" / RUN_LOG).read_bytes() == (out / RUN_LOG).read_bytes()
     missing = commands.run("drive", "--scenario", str(scenario), "--soil-feed", str(feed), "--out", str(tmp_path / "x"))
     assert missing.code == 4
     assert "does not exist" in missing.err
@@ -354,6 +357,24 @@ def test_a_drive_is_written_again_from_its_log(driven: Path, tmp_path: Path) -> 
     answer = driving.replay(driven, out=tmp_path / "again")
     assert (tmp_path / "again" / RUN_LOG).read_bytes() == (driven / RUN_LOG).read_bytes()
     assert set(answer["again"]) >= {"summary", "run", "drive-map"}
+
+
+def test_a_log_is_never_replayed_into_the_folder_that_holds_it(driven: Path, tmp_path: Path) -> None:
+    folder, linked = tmp_path / "folder", tmp_path / "linked"
+    shutil.copytree(driven, folder)
+    linked.mkdir()
+    (linked / RUN_LOG).symlink_to(folder / RUN_LOG)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    roundabout = linked / ".." / "folder"
+    for run, out in ((folder, folder), (folder / RUN_LOG, roundabout), (linked, folder), (folder, linked)):
+        told = commands.run("replay", str(run), "--verify", "--out", str(out))
+        assert (told.code, str(out) in told.err, "Choose another folder" in told.err) == (4, True, True), told.err
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    # The worst runs of trials lie under other names in their folder.
+    (folder / RUN_LOG).rename(folder / "worst-1.mcap")
+    with pytest.raises(OutputError, match="holds the log that is replayed"):
+        driving.replay(folder / "worst-1.mcap", out=folder)
+    assert (folder / "worst-1.mcap").read_bytes() == before[RUN_LOG]
 
 
 def test_trials_of_drawn_worlds_and_of_a_scenario_tell_a_table(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from swathe.drive_outputs import drive_summary, write_drive
 from swathe.errors import InputError, UnreadableFileError, UsageError
-from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, run_folder
+from swathe.export.folder import RUN_LOG, SUMMARY, begin_log, log_of, require_not_in, run_folder
 from swathe.news import FedNews, LoggedNews
 from swathe.preparation import Stopwatch
 from swathe.recording import Live, record
@@ -131,9 +131,11 @@ def replay(
     The answer's ``status`` is ``done``, or after a comparison ``equal`` or ``different``; ``lines`` tells it to people.
 
     Raises:
-        SwatheError: the log cannot be read, or an input of it is gone or another one.
+        SwatheError: the log cannot be read, an input of it is gone or another one, or ``out`` holds the log itself.
     """
     path = log_of(run)
+    if out is not None:
+        require_not_in(out, path)
     log = RunLog.read(path)
     scenario = scenario_from_toml(log.scenario, f"The scenario in {path}")
     answer: dict[str, Any] = {
@@ -152,7 +154,6 @@ def replay(
     if not (again or out is not None):
         answer["lines"] = _told(answer, path)
         return answer
-    news = LoggedNews(log.events)
     vehicle_toml = log.header.vehicle_toml or None
     made = stage(scenario, vehicle_toml=vehicle_toml, watch=Stopwatch())
     _require_same(made.inputs, log.header.inputs)
@@ -161,6 +162,7 @@ def replay(
     if out is not None:
         with run_folder(out, logs=True) as folder:
             watch = Stopwatch()
+            news = LoggedNews(log.events)
             summary = _drive_into(
                 folder, made, out, log.header.body, news, animate=True, watch=watch, on_second=on_second
             )
@@ -169,7 +171,7 @@ def replay(
     if again:
         with tempfile.TemporaryDirectory(prefix="swathe-") as folder:
             second = Path(folder) / RUN_LOG
-            record(made, second, body=log.header.body, news=news, on_second=on_second)
+            record(made, second, body=log.header.body, news=LoggedNews(log.events), on_second=on_second)
             verdict = verify(path, second)
         answer["status"] = "equal" if verdict else "different"
         answer["verdict"] = asdict(verdict)

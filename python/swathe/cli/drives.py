@@ -334,7 +334,9 @@ def replay(
     run: Annotated[Path, typer.Argument(help="A drive's folder, or its run.mcap.")],
     *,
     verify: Annotated[bool, typer.Option("--verify", help="Drive again and compare the logs byte for byte.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder to write the drive to again.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder to write the drive to again, not the log's own.")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001

@@ -91,6 +91,18 @@ def log_of(run: Path) -> Path:
     return log
 
 
+def require_not_in(out: Path, log: Path) -> None:
+    """Raise OutputError when ``out`` holds a log that is still to be read, or a link to it: a run would replace it."""
+    try:
+        if out.is_dir() and any(entry.is_file() and entry.samefile(log) for entry in out.iterdir()):
+            raise OutputError(
+                f"The folder {out} holds the log that is replayed, which the new drive would overwrite.",
+                "Choose another folder with `--out`.",
+            )
+    except OSError as error:
+        raise _refusal(out, error) from error
+
+
 @contextmanager
 def run_folder(out: Path, *, logs: bool = False) -> Iterator[Path]:
     """Give a new folder for a run's files; when the block ends well they replace those of ``out``.
