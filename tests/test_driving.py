@@ -11,7 +11,7 @@ import time
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -21,8 +21,11 @@ from swathe.errors import InputError, InvalidScenarioError, OutputError
 from swathe.export.folder import RUN_LOG
 from swathe.preparation import Stopwatch
 from swathe.runlog import RunLog, verify
-from swathe.scenario import load_scenario, scenario_names
+from swathe.scenario import load_scenario, scenario_names, scenario_of
 from swathe.staging import stage
+
+if TYPE_CHECKING:
+    from swathe.recording import Live
 
 # The contract of `drive --json`.
 FIELDS = {
@@ -254,6 +257,36 @@ def test_news_from_a_file_turn_the_drive_aside_and_are_verified_without_the_file
     missing = commands.run("drive", "--scenario", str(scenario), "--soil-feed", str(feed), "--out", str(tmp_path / "x"))
     assert missing.code == 4
     assert "does not exist" in missing.err
+
+
+def test_the_last_line_of_a_feed_counts_without_its_end_and_is_told_when_it_never_is_whole(tmp_path: Path) -> None:
+    feed, out = tmp_path / "news.jsonl", tmp_path / "out"
+    feed.write_text('{"time_s": 2, "x_m": 60, "y_m": 80, "radius_m": 3, "class": "none"}')
+    scenario = scenario_of(
+        {
+            "vehicle": "husky",
+            "terrain": {
+                "dem": ["bundled:heath"], "soil": "bundled:heath", "points_crs": "native", "bounds": [30, 30, 90, 90]
+            },
+            "drive": {"start": (40, 60), "goal": (70, 60)},
+        },
+        "it",
+    )  # fmt: skip
+
+    def scout_breaks_off(live: Live) -> None:
+        if live.time_s == 5.0:
+            with feed.open("a") as file:
+                file.write('\n{"time_s": 6, "x_m": 60, "y_')
+
+    summary = driving.drive(scenario, out, soil_feed=feed, animate=False, on_second=scout_breaks_off)
+    assert (summary["status"], summary["soil_updates"]) == ("reached", 1)
+    log = RunLog.read(out / RUN_LOG)
+    assert [event.time_s for event in log.events if event.kind == "soil_news"] == [2.0]
+    (refused,) = (event for event in log.events if event.kind == "soil_news_refused")
+    assert refused.time_s == pytest.approx(summary["duration_s"])
+    assert refused.fields["line"] == 2
+    feed.unlink()
+    assert driving.replay(out, again=True)["status"] == "equal"
 
 
 def test_hand_readings_and_a_table_of_soil_types_are_known_before_the_drive(tmp_path: Path) -> None:

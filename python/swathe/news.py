@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from swathe.belief import ClassReading, PenetrometerReading
 from swathe.episode import Event
-from swathe.errors import UsageError
+from swathe.errors import UnreadableFileError, UsageError
 from swathe.soil import SoilClass
 from swathe.soil_feed import SoilUpdate, parse_update
 from swathe.staging import WORD_RADIUS_M
@@ -35,6 +35,10 @@ class NewsSource(Protocol):
         """Return what is due, and what is to be told of what could not be used."""
         ...
 
+    def finish(self) -> list[dict[str, Any]]:
+        """Return what is still to be told of what could not be used, now that the drive is over."""
+        ...
+
 
 class FedNews:
     """News from a file of JSON lines that may grow while the drive goes on."""
@@ -46,9 +50,22 @@ class FedNews:
     def due(self, time_s: float) -> Telling:
         """Return what came since the last time."""
         updates: list[SoilUpdate | PenetrometerReading | ClassReading] = list(self._feed.due(time_s))
+        return updates, self._refused()
+
+    def finish(self) -> list[dict[str, Any]]:
+        """Return what the last line was refused for, where it never became whole."""
+        try:
+            self._feed.finish()
+        except UnreadableFileError as error:
+            # The drive is over and needs the file no more.
+            return [{"reason": error.message}]
+        return self._refused()
+
+    def _refused(self) -> list[dict[str, Any]]:
+        """Return what was refused since the last time."""
         new = self._feed.refused[self._told :]
         self._told = len(self._feed.refused)
-        return updates, [{"line": line, "reason": reason} for line, reason in new]
+        return [{"line": line, "reason": reason} for line, reason in new]
 
 
 class LoggedNews:
@@ -66,6 +83,11 @@ class LoggedNews:
         told = [dict(event.fields) for event in due if not _NEWS_FIELDS & event.fields.keys()]
         found = [_from_record(event.fields) for event in due if _NEWS_FIELDS & event.fields.keys()]
         return found, told
+
+    def finish(self) -> list[dict[str, Any]]:
+        """Return what was told when the drive was over."""
+        left, self._waiting = self._waiting, []
+        return [dict(event.fields) for event in left if event.kind == REFUSED]
 
 
 _NEWS_FIELDS = {"class", "probabilities", "depths_m", "soil_class"}
@@ -112,6 +134,10 @@ class NewsDesk:
             events += [Event(time_s, REFUSED, told) for told in refused]
             events += [self._teach(update, time_s, {}) for update in updates]
         return events
+
+    def finish(self, time_s: float) -> list[Event]:
+        """Return the events that tell what could not be used until the drive was over."""
+        return [] if self._source is None else [Event(time_s, REFUSED, told) for told in self._source.finish()]
 
     def _teach(
         self, news: SoilUpdate | PenetrometerReading | ClassReading, time_s: float, more: dict[str, Any]

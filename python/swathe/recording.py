@@ -48,7 +48,8 @@ def record(
         while (outcome := episode.outcome) is None:
             told = desk.tell(time_s)
             second = episode.advance(1.0)
-            second = replace(second, events=[*told, *second.events])
+            left = [] if episode.outcome is None else desk.finish(second.end_s)
+            second = replace(second, events=[*told, *second.events, *left])
             time_s = second.end_s
             writer.write(second)
             if isinstance(news, StoreNews):

@@ -73,6 +73,10 @@ class StoreNews:
         found += [stored.reading for stored in readings if stored.id not in self._filed]
         return found, refused
 
+    def finish(self) -> list[dict[str, Any]]:
+        """Return what the news beside the store still has to tell."""
+        return [] if self._beside is None else self._beside.finish()
+
     def file(self, second: Second) -> None:
         """File the readings of a second, where there is an author; what cannot be filed is told as the next news."""
         if self._author is None or not second.readings:

@@ -3,7 +3,8 @@
 One line is one record: ``time_s`` (when it was true, on the drive's clock), where it holds (``polygon``, a number of
 the soil map's polygon; ``x_m``, ``y_m`` and ``radius_m``; or ``cells``, a list of [row, column]), what is said
 (``class``, or ``probabilities`` by class name, summing to 1), ``source`` (who says so) and, where it was measured,
-``cone_index_kpa``. A line that cannot be used is skipped and told by its number.
+``cone_index_kpa``. A line that cannot be used is skipped and told by its number. A record counts as soon as it is
+whole, also before its line has ended.
 """
 
 from __future__ import annotations
@@ -173,6 +174,16 @@ def _probabilities(given: object) -> dict[SoilClass, float] | None:
     return shares
 
 
+def _is_whole(line: bytes) -> bool:
+    """Return whether a line that has not ended holds a whole object already: one that is cut is no JSON."""
+    if len(line) > _MOST_LINE_BYTES or not line.rstrip().endswith(b"}"):
+        return False
+    try:
+        return isinstance(json.loads(line.decode("utf-8-sig")), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
 @dataclass(slots=True)
 class SoilFeed:
     """Updates from a file of JSON lines, which may grow while it is read.
@@ -187,6 +198,8 @@ class SoilFeed:
     _offset: int = 0
     _line: int = 0
     _rest: bytes = b""
+    _is_taken: bool = False
+    """Whether the record of the line that has not ended yet was taken; ``_rest`` is then what follows it."""
     _waiting: list[SoilUpdate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -211,7 +224,11 @@ class SoilFeed:
         return sorted(due, key=lambda update: update.time_s)
 
     def finish(self) -> None:
-        """Take the last line as whole though no line end follows it; call it when nothing more is to come."""
+        """Refuse what still waits for the rest of its line; call it when nothing more is to come.
+
+        Raises:
+            UnreadableFileError: the file can no longer be read.
+        """
         self._read()
         rest, self._rest = self._rest, b""
         if rest.strip():
@@ -223,7 +240,7 @@ class SoilFeed:
             size = path.stat().st_size
             if size < self._offset:
                 # Another file took its place: it is read from its beginning.
-                self._offset, self._line, self._rest = 0, 0, b""
+                self._offset, self._line, self._rest, self._is_taken = 0, 0, b"", False
             if size == self._offset:
                 return
             with path.open("rb") as file:
@@ -235,8 +252,16 @@ class SoilFeed:
         *lines, self._rest = (self._rest + more).split(b"\n")
         for line in lines:
             self._take(line)
+        if not self._is_taken and _is_whole(self._rest):
+            self._take(self._rest)
+            self._is_taken, self._rest = True, b""
 
     def _take(self, line: bytes) -> None:
+        if self._is_taken:
+            self._is_taken = False
+            if line.strip():
+                self.refused.append((self._line, _refuse("more follows it on its line").message))
+            return
         self._line += 1
         if not line.strip():
             return
