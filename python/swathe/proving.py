@@ -128,7 +128,8 @@ def _best(made: Stage) -> planner.Route | None:
     if made.found is None or made.world is None:
         return None
     region = made.found.shown.region
-    true = replace(region, elevation_m=made.world.elevation_m, soil=made.world.soil)
+    params = replace(region.params, moisture_percent=made.scenario.true_moisture_percent)
+    true = replace(region, elevation_m=made.world.elevation_m, soil=made.world.soil, params=params)
     start, goal = made.found.ends
     return planner.plan(true, start, goal, method="exact").route
 

@@ -343,6 +343,11 @@ class Scenario(_Part):
             raise ValueError("drive.method player steers by scans of a laser: sensors.sensor must be laser or both")
         return self
 
+    @property
+    def true_moisture_percent(self) -> float:
+        """Moisture of the true ground: that of the plan, unless the truth has its own."""
+        return moisture_percent(self.truth.moisture or self.plan.moisture)
+
     def terrain_request(self) -> TerrainRequest:
         """Return the ground as ``swathe plan`` asks for it."""
         assert self.terrain is not None  # noqa: S101 - callers ask with a terrain only

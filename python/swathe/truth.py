@@ -11,7 +11,6 @@ import numpy as np
 from swathe.belief import units_of_classes
 from swathe.errors import OutsideGridError
 from swathe.random import uniform
-from swathe.rank import moisture_percent
 from swathe.sim import Box, Mover, TruthErrors, Wall, World
 from swathe.soil import SoilClass
 
@@ -84,7 +83,6 @@ def true_world(
     if truth.wrong_polygons > 0 and soil is not None:
         codes = mistaken(truth, geometry, soil, route, seed)
     codes[codes == SoilClass.UNKNOWN] = SoilClass.SAND
-    moisture = moisture_percent(truth.moisture or scenario.plan.moisture)
 
     def world(
         heights_m: NDArray[np.float32], soil_codes: NDArray[np.uint8], errors: TruthErrors | None = None
@@ -95,7 +93,7 @@ def true_world(
             cell_size_m=geometry.cell_size_m,
             west_m=geometry.west_m,
             north_m=geometry.north_m,
-            moisture_percent=moisture,
+            moisture_percent=scenario.true_moisture_percent,
             errors=errors,
             seed=seed,
         )
