@@ -25,7 +25,7 @@ from swathe.news import NewsDesk
 from swathe.preparation import Stopwatch
 from swathe.recording import record
 from swathe.scenario import Scenario, load_scenario, scenario_of
-from swathe.staging import NOISE, stage
+from swathe.staging import stage
 from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def scenario_of_trial(trial: trials.Trial, fastest_s: float | None = None) -> Sc
         },
         "sensors": {
             "laser": trials.laser_of(vehicle),
-            **({"beam_dropout": trials.BEAM_DROPOUT, **trials.NOISE} if trial.noisy else {}),
+            **(trials.NOISE if trial.noisy else {}),
         },
     }
     return scenario_of(content, "The trial")
@@ -335,7 +335,7 @@ def _mapped(
     tell: OnProgress | None,
 ) -> _Found:
     if noise:
-        base = base.with_changes({"sensors": {**base.sensors.model_dump(), **NOISE}})
+        base = base.with_changes({"sensors": {**base.sensors.model_dump(), **trials.NOISE}})
     choices: list[list[tuple[str, dict[str, Any]]]] = [
         [(vehicle, {"vehicle": vehicle}) for vehicle in vehicles],
         [

@@ -46,21 +46,6 @@ _PATIENCE, _LEAST_LIMIT_S = 6.0, 300.0
 _READING_S, _READINGS_M = 30.0, 10.0
 
 
-#: Fields of ``[sensors]`` for a robot that is sure of nothing: scans 0.1 s late, a tenth of the beams lost, odometry
-#: off by 2 % and corrected once a second to 0.3 m.
-NOISE = {
-    "beam_dropout": 0.1,
-    "scan_delay_s": 0.1,
-    "scale_error": 0.02,
-    "distance_noise_m": 0.02,
-    "heading_noise_rad": 0.005,
-    "fix_rate_hz": 1.0,
-    "fix_noise_m": 0.3,
-    "fix_heading_noise_rad": 0.02,
-    "fuses_fixes": True,
-}
-
-
 @dataclass(frozen=True, eq=False)
 class Stage:
     """Everything that a drive needs.

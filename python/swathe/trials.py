@@ -13,7 +13,7 @@ import math
 import multiprocessing
 import signal
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -48,9 +48,10 @@ _RADIUS_M = 0.7
 #: The laser's 80 m mode from this scale on.
 _FAR_SCALE = 1.2
 
-#: Noisy trials: share of beams lost; scans 0.1 s late, odometry off by 2 % and corrected once a second to 0.3 m.
-BEAM_DROPOUT = 0.1
+#: What ``--noise`` means everywhere, as fields of a scenario's ``[sensors]``: a tenth of the beams lost, scans 0.1 s
+#: late, odometry off by 2 % and corrected once a second to 0.3 m.
 NOISE: dict[str, Any] = {
+    "beam_dropout": 0.1,
     "scan_delay_s": 0.1,
     "scale_error": 0.02,
     "distance_noise_m": 0.02,
@@ -202,8 +203,9 @@ def _begin(trial: Trial, *, records: bool, time_limit_s: float) -> tuple[Episode
     laser = sim.Laser.preset(laser_of(vehicle))
     params = sim.RobotParams()
     if trial.noisy:
-        laser = sim.Laser(**{**asdict(laser), "dropout": BEAM_DROPOUT})
-        params = sim.RobotParams(**NOISE)
+        of_robot = dict(NOISE)
+        laser = replace(laser, dropout=of_robot.pop("beam_dropout"))
+        params = sim.RobotParams(**of_robot)
     robot = sim.Robot(scenario.world, vehicle, scenario.start, laser=laser, params=params, seed=trial.seed)
     drive = DriveParams(method=trial.method, memory=not trial.alone, recover=not trial.alone)
     navigator = Navigator(vehicle, (scenario.goal.x_m, scenario.goal.y_m), params=drive, seed=trial.seed)

@@ -163,7 +163,7 @@ def drive(
     from swathe import driving
     from swathe.cli import say
     from swathe.config import use_threads
-    from swathe.staging import NOISE
+    from swathe.trials import NOISE
 
     if list_scenarios:
         say.scenarios(as_json=json)
