@@ -87,7 +87,7 @@ bench: build bench-packages $(VENV)/.peers ## measure against named peers, then 
 	@$(BIN)/python benchmarks/run.py $(ONLY)
 	@$(if $(ONLY),,$(MAKE) --no-print-directory trials)
 
-trials: build ## drive the drawn worlds, write benchmarks/TRIALS.md; an hour (make trials TRIALS="--only drawn --worlds 100")
+trials: build ## drive the drawn worlds, write benchmarks/TRIALS.md; over two hours (make trials TRIALS="--only drawn --worlds 100")
 	$(call announce,trials)
 	@$(BIN)/python benchmarks/trials.py $(TRIALS)
 
