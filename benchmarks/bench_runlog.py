@@ -80,6 +80,10 @@ def _write_peer(prepared: tuple[Any, list[tuple[str, str, int, Any]]]) -> Path:
     return path
 
 
+def _sizes(_: object, path: Path) -> dict[str, float]:
+    return {"seconds": _SECONDS, "bytes": path.stat().st_size}
+
+
 def _facts(_: object, path: Path) -> dict[str, float]:
     messages = _messages(path)
     return {"messages": len(messages), "bytes": sum(len(body) for _, _, body in messages)}
@@ -88,8 +92,8 @@ def _facts(_: object, path: Path) -> dict[str, float]:
 BENCHMARKS = [
     Benchmark(
         name="log-drive",
-        ours=Contender("swathe.runlog.RunLogWriter, 20 s of a drive", _drive, _write, lambda *_: {}),
-        peer=Contender("a millisecond of CPU time a second", _drive, _budget, lambda *_: {}),
+        ours=Contender("swathe.runlog.RunLogWriter, 20 s of a drive", _drive, _write, _sizes),
+        peer=Contender("a millisecond of CPU time a second", _drive, _budget, lambda *_: {"seconds": _SECONDS}),
         must=1.0,
         goal=2.0,
         agree_relative=None,

@@ -12,6 +12,17 @@ if TYPE_CHECKING:
 HEADING = "| job | ours, CPU s | peer, CPU s | ratio | must | goal | peak MB, ours | peak MB, peer |"
 RULE = "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
 
+#: Facts that tell how often a sample did the same thing, by what one of them is called.
+COUNTS = {"steps": "step", "updates": "update", "scans": "scan", "readings": "reading", "seconds": "second"}
+
+#: What is asked of one, in microseconds of CPU time: which figure, what it must be at most, and the goal.
+ASKED = {
+    "navigator-step": ("p99_us", 2000, 500),
+    "navigator-step-map": ("p99_us", 2000, 500),
+    "vfh-plus": ("mean", 10, 3),
+    "vfh-plus-car": ("mean", 10, 3),
+}
+
 
 def disagreements(samples: dict[str, list[dict[str, Any]]], relative: float | None) -> list[str]:
     """Return a sentence for each fact on which any two samples differ by more than ``relative``."""
@@ -60,6 +71,7 @@ def table(runs: Path) -> str:
         RULE,
         *(_row(record) for record, _, _ in newest.values()),
         "",
+        *_of_one({name: (record, run) for name, (record, run, _) in newest.items()}),
         "| job | ours | peer | run | commit | machine |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
@@ -77,6 +89,62 @@ def table(runs: Path) -> str:
 def table_of_run(run: dict[str, Any]) -> str:
     """Return the table of one run."""
     return "\n".join([HEADING, RULE, *(_row(record) for record in run["benchmarks"])])
+
+
+def _of_one(newest: dict[str, tuple[dict[str, Any], dict[str, Any]]]) -> list[str]:
+    """Return the table of single steps, updates and the like, of the jobs whose samples say how many they did."""
+    counted = {name: told for name, told in newest.items() if _count(told[0], "ours") is not None}
+    if not counted:
+        return []
+    samples = [sample for record, _ in counted.values() for sample in record["samples"]["ours"]]
+    timed = list(dict.fromkeys(fact for sample in samples for fact in sample["facts"] if fact.endswith("_us")))
+    heads = ["job", "one", "mean", *(_head(fact) for fact in timed), "peer, mean", "must", "goal", "bytes", "machine"]
+    lines = [
+        "CPU time of one, in microseconds, and bytes written for one: medians over samples. Must and goal are for the",
+        "figure that they name.",
+        "",
+        "| " + " | ".join(heads) + " |",
+        "| --- | --- |" + " ---: |" * (len(heads) - 3) + " --- |",
+    ]
+    for name, (record, run) in counted.items():
+        figure, *limits = ASKED.get(name, ("", None, None))
+        cells = [
+            name,
+            COUNTS[_count(record, "ours") or ""],
+            _number(_each(record, "ours", "cpu_s"), 1, 1e6),
+            *(_number(_fact(record, fact), 1) for fact in timed),
+            _number(_each(record, "peer", "cpu_s"), 1, 1e6),
+            *("-" if limit is None else f"{limit}, {_head(figure)}" for limit in limits),
+            _number(_each(record, "ours", "bytes"), 0),
+            f"{run['machine']['processor']}, {run['machine']['cores']} cores",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return [*lines, ""]
+
+
+def _count(record: dict[str, Any], side: str) -> str | None:
+    """Return the fact that tells how often every sample of a side did the same."""
+    samples = record["samples"][side]
+    return next((fact for fact in COUNTS if samples and all(sample["facts"].get(fact) for sample in samples)), None)
+
+
+def _each(record: dict[str, Any], side: str, figure: str) -> float | None:
+    """Return the median of a figure or fact of the samples of a side over how often they did the same."""
+    count = _count(record, side)
+    values = [sample["facts"] | sample for sample in record["samples"][side]]
+    found = [value[figure] / value["facts"][count] for value in values if count is not None and figure in value]
+    return median(found) if found else None
+
+
+def _fact(record: dict[str, Any], fact: str) -> float | None:
+    values = [sample["facts"][fact] for sample in record["samples"]["ours"] if fact in sample["facts"]]
+    return median(values) if values else None
+
+
+def _head(fact: str) -> str:
+    """Return what people call a fact: ``p99_us`` is 99 %."""
+    name = fact.removesuffix("_us")
+    return f"{name[1:]} %" if name[:1] == "p" and name[1:].isdigit() else name
 
 
 def _row(record: dict[str, Any]) -> str:

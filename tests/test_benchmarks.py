@@ -87,6 +87,35 @@ def test_the_table_shows_the_newest_figures_of_each_job_and_marks_what_failed(tm
     assert "- rank: results disagree on cost" in text
 
 
+def test_the_table_tells_what_one_step_takes_where_samples_say_how_many_they_did(tmp_path: Path) -> None:
+    run = json.loads(run_file("navigator-step", 1.0))
+    run["benchmarks"].append(json.loads(run_file("route", 1.0))["benchmarks"][0])
+    facts = {"steps": 1000.0, "p99_us": 700.0}
+    run["benchmarks"][0]["samples"] = {
+        "ours": [sample(0.2, facts=facts), sample(0.3, facts=facts | {"p99_us": 750.0})],
+        "peer": [sample(2.0)],
+    }
+    (tmp_path / "1.json").write_text(json.dumps(run), encoding="utf-8")
+    text = results.table(tmp_path)
+    assert "| job | one | mean | 99 % | peer, mean | must | goal | bytes | machine |" in text
+    assert "| navigator-step | step | 250.0 | 725.0 | - | 2000, 99 % | 500, 99 % | - | abacus, 2 cores |" in text
+    assert "| route | step" not in text
+    run["benchmarks"][:1] = []
+    (tmp_path / "1.json").write_text(json.dumps(run), encoding="utf-8")
+    assert "CPU time of one" not in results.table(tmp_path)
+
+
+def test_bytes_are_told_of_one_too(tmp_path: Path) -> None:
+    run = json.loads(run_file("log", 1.0))
+    facts = {"seconds": 20.0, "bytes": 3_000_000.0}
+    run["benchmarks"][0]["samples"] = {
+        "ours": [sample(0.01, facts=facts)],
+        "peer": [sample(0.02, facts={"seconds": 20})],
+    }
+    (tmp_path / "1.json").write_text(json.dumps(run), encoding="utf-8")
+    assert "| log | second | 500.0 | 1000.0 | - | - | 150000 | abacus, 2 cores |" in results.table(tmp_path)
+
+
 @pytest.mark.parametrize(("ours", "peer", "count"), [(1.0, 1.0, 0), (0.9, 1.0, 0), (1.0 + 1e-9, 1.0, 0), (1.1, 1.0, 1)])
 def test_a_dearer_path_than_the_peers_is_said(ours: float, peer: float, count: int) -> None:
     samples = {"ours": [sample(1, facts={"cost": ours})], "peer": [sample(1, facts={"cost": peer})]}
