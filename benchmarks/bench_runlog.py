@@ -13,7 +13,8 @@ _TOPICS = ("/scan", "/odom", "/truth", "/cmd_vel", "/tf")
 
 
 def _drive() -> list[Any]:
-    """Drive for some seconds among 40 crates."""
+    """Drive for some seconds among 40 crates, with the modules that will write imported."""
+    import swathe.runlog  # noqa: F401 - importing it is not writing
     from swathe import sim
     from swathe.drive import Navigator
     from swathe.episode import Episode
@@ -54,6 +55,7 @@ def _messages(path: Path) -> list[tuple[str, int, bytes]]:
 
 def _prepare_peer() -> tuple[Any, list[tuple[str, str, int, Any]]]:
     """Return the messages of the same log as objects, ready to be written."""
+    import mcap.writer  # noqa: F401 - importing it is not writing
     from rosbags.typesys import Stores, get_typestore
 
     from swathe.runlog.definitions import TOPICS
