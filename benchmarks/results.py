@@ -76,7 +76,7 @@ def table(runs: Path) -> str:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
-        f"| {name} | `{record['ours']}` | {record['peer']} | [{file}](runs/{file}) | {run['commit']} "
+        f"| {name} | `{_cell(record['ours'])}` | {_cell(record['peer'])} | [{file}](runs/{file}) | {run['commit']} "
         f"| {run['machine']['processor']}, {run['machine']['cores']} cores |"
         for name, (record, run, file) in newest.items()
     ]
@@ -159,6 +159,11 @@ def _row(record: dict[str, Any]) -> str:
         *(_number(_median(record, side, "peak_bytes"), 1, 1e-6) for side in ("ours", "peer")),
     ]
     return "| " + " | ".join(cells) + " |"
+
+
+def _cell(text: str) -> str:
+    """Return a text that does not end its cell of a table."""
+    return text.replace("|", "\\|")
 
 
 def _median(record: dict[str, Any], side: str, figure: str) -> float | None:

@@ -105,6 +105,13 @@ def test_the_table_tells_what_one_step_takes_where_samples_say_how_many_they_did
     assert "CPU time of one" not in results.table(tmp_path)
 
 
+def test_a_pipe_in_a_name_ends_no_cell(tmp_path: Path) -> None:
+    run = json.loads(run_file("load", 1.0))
+    run["benchmarks"][0]["peer"] = "load | run"
+    (tmp_path / "1.json").write_text(json.dumps(run), encoding="utf-8")
+    assert "| load | `ours` | load \\| run | [1.json]" in results.table(tmp_path)
+
+
 def test_bytes_are_told_of_one_too(tmp_path: Path) -> None:
     run = json.loads(run_file("log", 1.0))
     facts = {"seconds": 20.0, "bytes": 3_000_000.0}
