@@ -12,6 +12,7 @@ from scipy import stats
 
 import trial_rows
 from swathe import proving, trials
+from swathe.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -85,7 +86,8 @@ def page(found: Found, picture: Path | None, beside: Path) -> str:
         "",
         "Written by `benchmarks/trials.py`; rows in `runs/trials`, with machine, commit and command in `sets.json`.",
         "Worlds, vehicles and densities are drawn by seed; passable is what a search of poses finds on the truth. A",
-        "drive is over after 1800 s, and as much longer as its world is larger for a larger vehicle.",
+        "drive through a drawn world is over after 1800 s, which grow with the world of a larger vehicle, or after 20",
+        "times what the shortest way takes at full speed, whichever is later.",
         "Collisions: with what could have been seen in time / the others. Free space is the speed there: metres driven",
         "over what full speed makes of the seconds in which everything, and the goal, is farther than the stopping",
         "distance from full speed and 2 m, counted from when that speed could be had. Intervals are 95 %: Wilson's for",
@@ -149,6 +151,9 @@ def _methods(found: Found) -> list[str]:
     lines = ["", f"## Methods on the same {max(counts)} worlds (Jackal, static)", ""]
     if len(counts) > 1:
         lines += [f"Sets with fewer rows, {min(counts)} at least, have the first of these worlds only.", ""]
+    for name, rows in sets.items():
+        if (over_s := earlier_limit_s(rows)) is not None:
+            lines += [f"Drives of {method_words(name)} were over after {over_s:.0f} s, by an earlier rule.", ""]
     lines += _HEAD
     lines += [summary_row(method_words(name), rows) for name, rows in sets.items()]
     reached = {name: {row.seed: row for row in rows if row.status == "reached"} for name, rows in sets.items()}
@@ -240,11 +245,19 @@ _NOT_DRIVEN = ("no_route", "not_passable")
 
 
 def _failures(found: Found) -> list[str]:
+    lines = ["", "## Why the others were not reached"] if found.drawn or found.noisy else []
+    for what, rows in (("drawn worlds", found.drawn), ("drawn worlds with noise and delay", found.noisy)):
+        if rows:
+            told = trials.summarise(rows)
+            lines += [
+                "",
+                f"{told.passable - told.reached} of {told.passable} passable {what}:",
+                "",
+                *reason_lines(rows),
+            ]
     if not found.drawn:
-        return []
-    lines = ["", "## Why the others were not reached", ""]
-    lines += [f"- {count} x {reason}" for reason, count in trials.summarise(found.drawn).not_reached.items()]
-    lines += ["", "## The worst", "", "| seed | world | crates | vehicle | ended | time ratio |"]
+        return lines
+    lines += ["", "## The worst without noise", "", "| seed | world | crates | vehicle | ended | time ratio |"]
     lines.append("| --- | --- | --- | --- | --- | --- |")
     for row in trials.worst(found.drawn):
         ratio = "-" if row.time_ratio is None else f"{row.time_ratio:.1f}"
@@ -252,6 +265,29 @@ def _failures(found: Found) -> list[str]:
             f"| {row.seed} | {row.kind} | {row.density} | {row.vehicle} | {row.status}: {row.reason} | {ratio} |"
         )
     return lines
+
+
+def reason_lines(rows: Sequence[trials.Row]) -> list[str]:
+    """Return a line for every reason why goals were not reached: how often, with which vehicles, of how many worlds."""
+    by_vehicle = {name: [row for row in rows if row.vehicle == name] for name in dict.fromkeys(trials.VEHICLES)}
+    told = {name: trials.summarise(part) for name, part in by_vehicle.items() if part}
+    return [
+        f"- {count} x {reason.rstrip('.')}: "
+        + ", ".join(
+            f"{name} {missed} of {summary.passable}"
+            for name, summary in told.items()
+            if (missed := summary.not_reached.get(reason, 0))
+        )
+        for reason, count in trials.summarise(rows).not_reached.items()
+    ]
+
+
+def earlier_limit_s(rows: Sequence[trials.Row]) -> float | None:
+    """Return after how long the drives of rows were over that had less time than drives have now; None without any."""
+    late = [row for row in rows if row.status == "timeout" and row.fastest_s is not None]
+    vehicles = {name: load_vehicle(name) for name in {row.vehicle for row in late}}
+    short = [row for row in late if row.duration_s < trials.limit_s(vehicles[row.vehicle], row.fastest_s or 0.0) - 1]
+    return max((row.duration_s for row in short), default=None)
 
 
 def _sets(found: Found) -> list[str]:

@@ -17,6 +17,7 @@ import trial_rows
 import trials as bench
 import trials_plot
 from swathe import proving, trials
+from swathe.vehicle import load_vehicle
 
 WORDS = st.text('a "word", and another.')
 ROWS = st.builds(
@@ -172,6 +173,41 @@ def test_the_page_and_the_picture_show_what_there_is(tmp_path: Path) -> None:
     assert "| drawn | 120 | ffffffffffff | c0ffee | abacus, 2 cores | 5 s |" in page
     assert (tmp_path / "trials.png").stat().st_size < 200_000
     trials_plot.draw(tmp_path / "none.png", [])
+
+
+def test_the_page_tells_why_goals_were_not_reached_with_and_without_noise(tmp_path: Path) -> None:
+    hit = {"reason": "The vehicle ran into something.", "collisions": 1}
+    drawn = [row(0, "reached", 20.0), row(1, "timeout", 1800.0), row(2, "not_passable", 0.0, shortest_m=None)]
+    noisy = [row(3, "collision", 9.0, vehicle=name, **hit) for name in ("tractor", "husky", "tractor")]
+    noisy += [row(4, "reached", 9.0, vehicle="tractor"), row(5, "timeout", 1800.0)]
+    notes = {}
+    for name, rows in (("drawn", drawn), ("noisy", noisy)):
+        (tmp_path / f"{name}.csv").write_text(trial_rows.text_of(rows, trials.Row))
+        notes[name] = {"machine": {"processor": "abacus", "cores": 2}, "commit": "c", "code": "f", "wall_s": 5.0}
+    (tmp_path / trial_rows.NOTES).write_text(json.dumps(notes))
+    page = trial_report.page(trial_report.Found.of(tmp_path), None, tmp_path)
+    assert "1 of 2 passable drawn worlds:\n\n- 1 x timeout: jackal 1 of 2\n" in page
+    told = "- 3 x The vehicle ran into something: husky 1 of 1, tractor 2 of 3\n- 1 x timeout: jackal 1 of 1\n"
+    assert f"4 of 5 passable drawn worlds with noise and delay:\n\n{told}" in page
+
+
+def test_the_page_says_when_drives_have_which_time() -> None:
+    page = trial_report.page(trial_report.Found([], [], [], {}, {}, {}), None, Path())
+    jackal, tractor = load_vehicle("jackal"), load_vehicle("tractor")
+    assert "over after 1800 s" in page
+    assert trials.limit_s(jackal, 0.0) == 1800 < trials.limit_s(tractor, 0.0)
+    assert "after 20\ntimes what the shortest way takes at full speed" in page
+    assert trials.limit_s(jackal, 1000.0) == 20 * 1000
+
+
+def test_the_page_says_which_methods_had_less_time(tmp_path: Path) -> None:
+    rows = {
+        "full-vfh": [row(0, "timeout", 1800.0), row(1, "reached", 9.0)],
+        "alone-player": [row(0, "timeout", 900.0), row(1, "reached", 9.0)],
+    }
+    page = trial_report.page(trial_report.Found([], [], [], rows, {}, {}), None, tmp_path)
+    assert page.count("by an earlier rule") == 1
+    assert "Drives of Player's alone were over after 900 s, by an earlier rule." in page
 
 
 @pytest.mark.parametrize("words", [["--only", "draughts"], ["--worlds", "0"]])
