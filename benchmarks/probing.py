@@ -1,6 +1,7 @@
 """What probing gives a drive with a false soil map: the table, paired tests, and a picture of one seed both ways.
 
-    swathe trials --scenario wrong-soil --runs 100 --seed 2000 --probing never --probing where-it-matters --out trials
+    swathe trials --scenario wrong-soil --runs 100 --seed 2000 --probing never --probing where-it-matters --probing where-it-pays
+        --out trials
     python benchmarks/probing.py trials/trials.csv --command "swathe trials ..." [--name wrong-soil]
     python benchmarks/probing.py --picture 2001 docs/images/probing.png
 
@@ -135,7 +136,7 @@ def picture(seed: int, path: Path, name: str) -> None:
     from matplotlib.patches import Patch
 
     figure, axes = plt.subplots(1, 2, figsize=(11, 6.3), sharey=True)
-    for axis, policy, word in zip(axes, ("never", "where-it-matters"), ("without", "with"), strict=True):
+    for axis, policy, word in zip(axes, ("never", "where-it-pays"), ("without", "with"), strict=True):
         told = draw(axis, name, seed, policy)
         axis.set_title(f"{word} probing: {told}", fontsize=10)
     marks: list[Patch | Line2D] = [Patch(color=colour, label=label) for _, colour, label in SOILS]

@@ -209,7 +209,8 @@ def test_the_time_that_a_drive_may_take_grows_with_the_readings_that_it_may_stop
     stops_s = [limit_s(probing, policy="every", every_m=spacing_m) - without_s for spacing_m in (50.0, 25.0, 10.0)]
     length_m = probing.route.length_m
     assert stops_s == pytest.approx([30 * length_m / 50, 30 * length_m / 25, 30 * length_m / 10])
-    assert limit_s(probing, policy="where-it-matters") == pytest.approx(without_s + stops_s[-1])
+    for policy in ("where-it-matters", "where-it-pays"):
+        assert limit_s(probing, policy=policy) == pytest.approx(without_s + stops_s[-1])
     asked = probing.scenario.with_changes({"drive.time_limit_s": 77.0})
     assert replace(probing, scenario=asked).time_limit_s == 77.0
 

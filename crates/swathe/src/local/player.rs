@@ -439,6 +439,7 @@ mod tests {
         let params = PlayerParams {
             safety_dist_m: [0.1, 0.3],
             max_turnrate_radps: [1.0, 0.6],
+            min_turn_radius_safety_factor: 0.0,
             ..PlayerParams::default()
         };
         let behind = |speed_mps: f64| {
