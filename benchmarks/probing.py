@@ -1,7 +1,7 @@
-"""What probing gives a drive with a false soil map: the table, paired tests, and a picture of one seed both ways.
+r"""What probing gives a drive with a false soil map: the table, paired tests, and a picture of one seed both ways.
 
-    swathe trials --scenario wrong-soil --runs 100 --seed 2000 --probing never --probing where-it-matters --probing where-it-pays
-        --out trials
+    swathe trials --scenario wrong-soil --runs 100 --seed 2000 --out trials \
+        --probing never --probing where-it-matters --probing where-it-pays
     python benchmarks/probing.py trials/trials.csv --command "swathe trials ..." [--name wrong-soil]
     python benchmarks/probing.py --picture 2001 docs/images/probing.png
 
