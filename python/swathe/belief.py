@@ -540,8 +540,8 @@ def probing_policy(text: str) -> tuple[str, float]:
             return "never", 0.0
         if len(words) == 3 and words[0] == "every" and words[2] == "m":
             return "every", float(words[1])
-        place = {("where", "it", word): f"where_it_{word}" for word in ("matters", "pays")}.get(tuple(words[:3]))
-        if place and len(words) in {3, 5} and words[3:4] in ([], ["above"]):
+        place = "_".join(words[:3])
+        if place in {"where_it_matters", "where_it_pays"} and len(words) in {3, 5} and words[3:4] in ([], ["above"]):
             return place, float(words[4]) if len(words) == 5 else 0.0
     except ValueError:
         pass
