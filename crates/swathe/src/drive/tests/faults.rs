@@ -107,13 +107,13 @@ fn a_scan_that_was_refused_is_not_used_because_another_sensor_saw_something_just
     let mut navigator = Navigator::new(&jackal(), Position::new(20.0, 0.0), None, params).unwrap();
     let clear = World::default().scan(&Pose::default(), Mount::default(), 181, PI, 8.0);
     navigator.sense(0.0, &Pose::default(), &clear, 0.0).unwrap();
-    let blind = Scan {
-        ranges_m: vec![f64::NAN; 181],
+    let beyond_all_round = Scan {
+        ranges_m: vec![8.0; 1000],
         ..clear
     };
-    step(&mut navigator, 0.0, Pose::default(), Some(&blind));
+    step(&mut navigator, 0.0, Pose::default(), Some(&beyond_all_round));
     let refused = Event::ScanRefused {
-        reason: Reason::BlindScan,
+        reason: Reason::BadScan,
     };
     assert!(navigator.events().contains(&refused));
     // Player's method sees scans alone, and has had none.
@@ -168,35 +168,37 @@ fn a_robot_that_finds_itself_on_no_go_ground_leaves_it_and_keeps_off_the_rest(#[
     assert!(drive.metres > 26.0, "{}", drive.metres);
 }
 
-#[test]
-fn backing_off_ground_that_became_no_go_says_so() {
+#[rstest]
+fn a_robot_that_slides_onto_no_go_ground_leaves_it_and_says_why(#[values(true, false)] recover: bool) {
     let world = World::default();
-    let mut navigator = {
-        let mut setup = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (25.0, 0.0));
-        setup.region = Some(ranked(|x, _| if (6.0..12.0).contains(&x) { 1 } else { 8 }));
-        Navigator::new(&setup.vehicle, Position::new(25.0, 0.0), setup.region, setup.params).unwrap()
+    let params = DriveParams {
+        recover,
+        ..DriveParams::default()
     };
-    let mut reasons = Vec::new();
-    // It slides onto it: the pose says so, whatever was told.
-    for k in 0..100 {
-        let pose = Pose::level(1.0 + 0.06 * f64::from(k), 0.0, 0.0);
+    let region = ranked(|x, y| {
+        if (6.0..12.0).contains(&x) && y.abs() < 8.0 {
+            1
+        } else {
+            8
+        }
+    });
+    let mut navigator = Navigator::new(&jackal(), Position::new(25.0, 0.0), Some(region), params).unwrap();
+    // The pose goes where it wants, whatever was told.
+    let begun = (0..75).find_map(|k| {
+        let pose = Pose::level(1.0 + 0.12 * f64::from(k), 0.0, 0.0);
         let scan = world.scan(&pose, Mount::default(), 181, PI, 8.0);
         let (status, _) = step(&mut navigator, 0.1 * f64::from(k), pose, Some(&scan));
-        let is_backing = navigator.events().iter().any(|event| {
-            matches!(
-                event,
-                Event::Recovery {
-                    recovery: Recovery::BackOff { .. },
-                    ..
-                }
-            )
-        });
-        if is_backing {
-            assert_eq!(status, Status::Recovering);
-            reasons.push(navigator.reason());
-        }
-    }
-    assert_eq!(reasons, [Reason::GroundNoGo]);
+        let recovery = navigator.events().iter().find_map(|event| match event {
+            Event::Recovery { recovery, .. } => Some(*recovery),
+            _ => None,
+        })?;
+        Some((recovery, status, navigator.reason()))
+    });
+    let (recovery, status, reason) = begun.unwrap();
+    assert_eq!((status, reason), (Status::Recovering, Reason::GroundNoGo));
+    // One that must not recover from traps drives straight to the nearest nest.
+    assert_eq!(matches!(recovery, Recovery::BackOff { .. }), recover, "{recovery:?}");
+    assert_eq!(matches!(recovery, Recovery::Retreat { .. }), !recover, "{recovery:?}");
 }
 
 #[rstest]

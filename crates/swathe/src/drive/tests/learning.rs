@@ -1,6 +1,7 @@
 //! The drive learns: readings, news and probing end to end, on ground that is drawn as text.
 
 use proptest::prelude::*;
+use rstest::rstest;
 
 use super::world::{STEP_S, World, jackal};
 use crate::belief::{BeliefParams, CLASSES, Extent, Prior, ProbePolicy, SoilBelief, SoilUpdate, Unit, Word};
@@ -442,6 +443,49 @@ fn slopes_close_directions_for_the_local_methods() {
     let east = seen.blocked[0];
     let north = seen.blocked[seen.blocked.len() / 4];
     assert!(east && !north, "{:?}", seen.blocked);
+}
+
+#[rstest]
+fn ground_that_becomes_no_go_under_the_robot_is_left_and_the_rest_of_it_driven_around(
+    #[values(true, false)] recover: bool,
+) {
+    let params = DriveParams {
+        recover,
+        ..DriveParams::default()
+    };
+    let mut drive = Drive::new(navigator(ground(&OVAL, 0.0), (60.0, 0.0), params), (6.0, 0.0), None);
+    drive.run(3.0);
+    let here = drive.at();
+    // Where it is, and farther on across the straight way.
+    for (x_m, radius_m) in [(here.x_m, 5.0), (36.0, 8.0)] {
+        drive
+            .navigator
+            .learn_soil(&SoilUpdate {
+                time_s: 3.0,
+                source: "scout".to_owned(),
+                extent: Extent::Disc {
+                    at: Position::new(x_m, 0.0),
+                    radius_m,
+                },
+                word: Word::Class(SoilClass::None),
+                cone_index_kpa: None,
+            })
+            .unwrap();
+    }
+    let learnt = drive.places.len();
+    assert_eq!(
+        drive.run(200.0).status,
+        Status::Reached,
+        "{:?}",
+        drive.navigator.reason()
+    );
+    let knowledge = drive.navigator.knowledge().unwrap();
+    let rank = |place: &Position| knowledge.geometry().cell_at(*place).map(|cell| knowledge.ranks()[cell]);
+    let off = drive.places[learnt..]
+        .iter()
+        .position(|place| rank(place) != Some(1))
+        .unwrap();
+    assert!(drive.places[learnt + off..].iter().all(|place| rank(place) != Some(1)));
 }
 
 #[test]
