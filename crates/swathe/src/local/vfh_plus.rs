@@ -334,27 +334,24 @@ impl VfhPlus {
         let size = self.params.cell_size_m;
         let (sin, cos) = heading_rad.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);
-        // A cell at distance d, s = sin of its direction off the heading, lies inside the left circle when
-        // d² - 2 r d s + r² < (r + R)²; over d: d - 2 r s < (R² + 2 r R) / d.
+        // A cell at distance d, s = sin of its direction off the heading, lies inside the circle of its side when
+        // d² - 2 r d |s| + r² < (r + R)²; over d: d - 2 r |s| < (R² + 2 r R) / d.
         let enlarged = body.enlarged_m / size;
-        let reach = |r: f64| (enlarged * (enlarged + 2.0 * r / size)) as f32;
-        let twice = |r: f64| (2.0 * r / size) as f32;
-        let (reach_left, reach_right) = (reach(r_left), reach(r_right));
-        let (twice_left, twice_right) = (twice(r_left), twice(r_right));
-        let sure = self.params.sure;
+        let circle = |r: f64| ((2.0 * r / size) as f32, (enlarged * (enlarged + 2.0 * r / size)) as f32);
+        let (left_circle, right_circle) = (circle(r_left), circle(r_right));
+        let below = i32::from(self.params.sure) - 1;
         // The greatest cosine of a cell that blocks is the least angle off the heading.
         let (mut most_left, mut most_right) = ([-2.0f32; LANES], [-2.0f32; LANES]);
-        for ([east, north, away, over], certainties) in self.turning.iter().zip(window.chunks(LANES)) {
-            let mut wide = [0u8; LANES];
-            wide[..certainties.len()].copy_from_slice(certainties);
+        let mut look = |[east, north, away, over]: &[[f32; LANES]; 4], certainties: &[u8; LANES]| {
             for lane in 0..LANES {
                 let c = east[lane] * cos + north[lane] * sin;
                 let s = north[lane] * cos - east[lane] * sin;
-                let stands = wide[lane] >= sure;
-                let in_left = away[lane] - twice_left * s < reach_left * over[lane];
-                let in_right = away[lane] + twice_right * s < reach_right * over[lane];
-                let left = if stands & in_left & (s >= 0.0) { c } else { -2.0 };
-                let right = if stands & in_right & (s < 0.0) { c } else { -2.0 };
+                let stands = i32::from(certainties[lane]) > below;
+                let is_left = s >= 0.0;
+                let (twice, reach) = if is_left { left_circle } else { right_circle };
+                let inside = stands & (away[lane] - twice * s.abs() < reach * over[lane]);
+                let left = if inside & is_left { c } else { -2.0 };
+                let right = if inside & !is_left { c } else { -2.0 };
                 most_left[lane] = if left > most_left[lane] { left } else { most_left[lane] };
                 most_right[lane] = if right > most_right[lane] {
                     right
@@ -362,6 +359,23 @@ impl VfhPlus {
                     most_right[lane]
                 };
             }
+        };
+        // No cell farther away than a circle reaches, and so no row farther up or down, lies inside one.
+        let (side, half) = (self.cells.side, self.cells.side / 2);
+        let most_cells = (2.0 * r_left.max(r_right) / size + enlarged + 1.0)
+            .min(side as f64)
+            .ceil() as usize;
+        let first = half.saturating_sub(most_cells) * side / LANES;
+        let end = ((half + most_cells + 1).min(side) * side).div_ceil(LANES);
+        let (groups, rest) = window.as_chunks::<LANES>();
+        let whole = end.min(groups.len());
+        for (group, certainties) in self.turning[first..whole].iter().zip(&groups[first..whole]) {
+            look(group, certainties);
+        }
+        if end > whole {
+            let mut certainties = [0; LANES];
+            certainties[..rest.len()].copy_from_slice(rest);
+            look(&self.turning[whole], &certainties);
         }
         let greatest = |lanes: [f32; LANES]| f64::from(lanes.into_iter().fold(-2.0, f32::max));
         let (cos_left, cos_right) = (greatest(most_left), greatest(most_right));

@@ -52,6 +52,28 @@ fn slow_density(vfh: &VfhPlus, window: &[u8], r_cells: f64, slack_rad: f64) -> V
     density
 }
 
+/// Stage 3 cell by cell: the least angle off the heading, left and right, of what stands within the circles that the middle of a
+/// turning vehicle keeps to, enlarged; a turn where nothing does.
+fn slow_turns(window: &[u8], heading_rad: f64, radii_m: [f64; 2], enlarged_m: f64, slack_m: f64) -> [f64; 2] {
+    let mut limits = [TAU; 2];
+    for (index, _) in window.iter().enumerate().filter(|&(_, &certainty)| certainty > 0) {
+        let (x_m, y_m) = (0.1 * ((index % 61) as f64 - 30.0), 0.1 * (30.0 - (index / 61) as f64));
+        let (away_m, off_rad) = (x_m.hypot(y_m), wrap(y_m.atan2(x_m) - heading_rad));
+        if away_m > 3.0 + 1e-9 {
+            continue;
+        }
+        let side = usize::from(off_rad < 0.0);
+        let radius_m = radii_m[side];
+        // The distance to the circle's middle, radius to the side, less the radius: without losing figures for a wide circle.
+        let beside_m = away_m * off_rad.sin().abs();
+        let over = away_m * away_m - 2.0 * radius_m * beside_m - enlarged_m * (enlarged_m + 2.0 * radius_m);
+        if over < 2.0 * slack_m * (radius_m + enlarged_m) {
+            limits[side] = limits[side].min(off_rad.abs());
+        }
+    }
+    limits
+}
+
 proptest! {
     #[test]
     fn the_running_sum_gives_the_papers_densities(
@@ -74,6 +96,29 @@ proptest! {
         let free = vec![0; 61 * 61];
         vfh.update(&free, heading, &BODY);
         prop_assert!(vfh.polar.density.iter().all(|&density| density == 0.0));
+    }
+
+    #[test]
+    fn what_lies_beyond_an_obstacle_in_a_turning_circle_is_masked_by_the_papers_rule(
+        seed: u64, share in prop_oneof![0.0f64..0.002, 0.0f64..0.03], enlarged in 0.26f64..0.9, heading in -PI..PI,
+        radii in prop::array::uniform2(prop_oneof![0.05f64..6.0, Just(1e9), Just(0.0)]),
+    ) {
+        let draw = |i: u32| crate::random::unit(crate::random::philox([i, 0, 0, 0], seed)[0]);
+        let cells: Vec<u8> = (0..61 * 61).map(|i| if draw(i) < share { CERTAINTY_MAX } else { 0 }).collect();
+        let mut vfh = VfhPlus::new(VfhPlusParams::default());
+        vfh.update(&cells, heading, &Body { enlarged_m: enlarged, turn_radius_m: radii, ..BODY });
+        if radii != [0.0; 2] && !vfh.tables[0].near.iter().any(|&cell| cells[usize::from(cell)] > 0) {
+            // Where a cell lies on a circle's edge, or a sector points along it, rounding decides.
+            let (least, most) = (slow_turns(&cells, heading, radii, enlarged, -1e-4), slow_turns(&cells, heading, radii, enlarged, 1e-4));
+            for (k, (&masked, &blocked)) in vfh.polar.masked.iter().zip(&vfh.polar.blocked).enumerate() {
+                let ahead = wrap(direction_of(k as f64, 72) - heading);
+                if ahead.abs() > 1e-6 && ahead.abs() < PI - 1e-6 {
+                    let side = usize::from(ahead < 0.0);
+                    prop_assert!(masked || blocked || ahead.abs() <= least[side] + 1e-3, "{k}: {ahead} {least:?}");
+                    prop_assert!(!masked || blocked || ahead.abs() >= most[side] - 1e-3, "{k}: {ahead} {most:?}");
+                }
+            }
+        }
     }
 
     #[test]
