@@ -8,7 +8,7 @@ goal, so the ratio must be 3 and should be 10.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -72,6 +72,13 @@ def player(given: NDArray[np.float64]) -> int:
     return len(PlayerVfh().update_all(fan, given, 0.1, 0.1, 0.1))
 
 
+def often(contents: NDArray[Any]) -> NDArray[Any]:
+    """Return all contents many times over, with the module that will work on them imported."""
+    import swathe.local  # noqa: F401 - importing it is no update
+
+    return np.repeat(contents, EACH, 0)
+
+
 def updates(_: object, count: int) -> dict[str, float]:
     return {"updates": float(count)}
 
@@ -79,8 +86,8 @@ def updates(_: object, count: int) -> dict[str, float]:
 def job(name: str, turn_radius_m: float) -> Benchmark:
     return Benchmark(
         name=name,
-        ours=Contender("swathe.local.VfhPlus", lambda: np.repeat(windows(), EACH, 0), steer(turn_radius_m), updates),
-        peer=Contender("swathe.local.PlayerVfh", lambda: np.repeat(scans(), EACH, 0), player, updates),
+        ours=Contender("swathe.local.VfhPlus", lambda: often(windows()), steer(turn_radius_m), updates),
+        peer=Contender("swathe.local.PlayerVfh", lambda: often(scans()), player, updates),
         must=3,
         goal=10,
         repeats=3,
