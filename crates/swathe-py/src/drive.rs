@@ -53,10 +53,7 @@ fn params(dict: &Bound<PyDict>) -> PyResult<DriveParams> {
         sonar_height_m: entry(dict, "sonar_height_m")?,
         memory: entry(dict, "memory")?,
         recover: entry(dict, "recover")?,
-        probing: {
-            let (policy, figure): (String, f64) = entry(dict, "probing")?;
-            probe_policy(&policy, figure)?
-        },
+        probing: entry::<(String, f64)>(dict, "probing").and_then(|(policy, figure)| probe_policy(&policy, figure))?,
         probe_wait_s: entry(dict, "probe_wait_s")?,
         probe_boom_m: entry(dict, "probe_boom_m")?,
         ..DriveParams::default()

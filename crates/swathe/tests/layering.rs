@@ -348,7 +348,7 @@ fn what_is_wrong_is_found_wherever_it_stands() {
     for (file, source, seen) in [
         ("grid.rs", "use crate::rank::RankMap;", "rank"),
         ("rank.rs", "use crate::{grid::Cell, swarm::{Pellets, Swarm}};", "swarm"),
-        ("rank.rs", "fn f() -> crate::nest::Nest { todo!() }", "nest"),
+        ("rank.rs", "fn f(_: crate::nest::Nest) {}", "nest"),
         ("rank/cost.rs", "use super::super::planner;", "planner"),
         ("rank/cost.rs", "use super::super::{grid, planner::Route};", "planner"),
         ("rank.rs", "mod tests { use super::super::planner::Route; }", "planner"),

@@ -2,8 +2,7 @@
 //! that a histogram may find hard.
 //!
 //! The bounds are what was counted in the profile of tests, its checks included (122 000, and 162 000 with a turning circle), and a
-//! tenth more. Optimised these are 69 000 and 109 000, 3.3 to 4 and 6.2 us on a core that nobody disturbs; an update must take 10
-//! us at most.
+//! tenth more. Optimised these are 69 000 and 109 000; an update must take 10 us at most.
 
 mod callgrind;
 mod local_windows;

@@ -212,10 +212,10 @@ pub enum Event {
     },
     /// The pose jumped; what was seen before is forgotten.
     PoseJump {
-        /// By how much it turned, counter-clockwise.
-        turn_rad: f64,
         /// How far, in metres.
         distance_m: f64,
+        /// By how much it turned, counter-clockwise.
+        turn_rad: f64,
     },
     /// The route on the memory is another one.
     Route {

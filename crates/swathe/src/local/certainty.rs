@@ -9,6 +9,7 @@ mod levels;
 mod ray;
 
 use crate::grid::Position;
+use crate::random::{philox, unit};
 use crate::sensor::{Pose, Return, Scan};
 
 use counts::{BLOCK_BITS, Count, Counts};
@@ -118,7 +119,7 @@ pub struct CertaintyGrid {
     levels: Levels,
     /// Seconds for which evidence has not faded yet, and how often it did.
     unfaded_s: f64,
-    fades: u64,
+    fades: u32,
     /// Cells that the last scan first saw or whose certainty it changed, by lattice row and column.
     changed: Vec<(i64, i64)>,
     /// Cells in which the last scan met something in another part than before.
@@ -149,18 +150,6 @@ fn part_of((x_m, y_m): (f64, f64), cell_size_m: f64) -> [u8; 2] {
 /// The one of the eight by eight parts of a cell, as a bit, for a place in parts of 256, right and down.
 fn bit_of([right, down]: [u8; 2]) -> u64 {
     1 << (u32::from(down) / 32 * 8 + u32::from(right) / 32)
-}
-
-/// A number from 0 to below 1 that looks drawn by chance, for a cell and a turn (the mixing of splitmix64).
-fn chance((row, column): (i64, i64), turn: u64) -> f64 {
-    let mut mixed = turn;
-    for part in [row as u64, column as u64] {
-        mixed = (mixed ^ part).wrapping_add(0x9E37_79B9_7F4A_7C15);
-        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^= mixed >> 31;
-    }
-    (mixed >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 impl CertaintyGrid {
@@ -266,7 +255,7 @@ impl CertaintyGrid {
 
     /// Lets evidence fade for some seconds. [`Self::changed`] holds the cells whose certainty that changed as well.
     ///
-    /// Levels are whole numbers: they are rounded up or down by chance, which hangs on the cell alone, so that on average they
+    /// Levels are whole numbers: they are rounded up or down by chance, drawn anew for every cell and time, so that on average they
     /// fall as they should.
     pub fn fade(&mut self, seconds: f64) {
         if self.params.fade_s.is_infinite() {
@@ -277,7 +266,7 @@ impl CertaintyGrid {
             return;
         }
         let keep = (-std::mem::take(&mut self.unfaded_s) / self.params.fade_s).exp();
-        self.fades += 1;
+        self.fades = self.fades.wrapping_add(1);
         let Window { first, last, .. } = self.window();
         for cell in (first.0..=last.0).flat_map(|row| (first.1..=last.1).map(move |column| (row, column))) {
             let index = self.wrapped(cell);
@@ -285,7 +274,8 @@ impl CertaintyGrid {
                 continue;
             }
             let count = self.counts.get(index);
-            let level = (f64::from(count.level) * keep + chance(cell, self.fades)).floor() as i16;
+            let drawn = unit(philox([cell.0 as u32, cell.1 as u32, self.fades, 0], 0)[0]);
+            let level = (f64::from(count.level) * keep + drawn).floor() as i16;
             self.counts.set(index, Count { level, ..count });
             let after = self.levels.certainty(level);
             if after != self.certainty[index] {

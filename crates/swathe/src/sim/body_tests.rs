@@ -2,21 +2,12 @@
 
 use super::*;
 use crate::grid::{GridGeometry, Layer};
-use crate::sim::world::tests::plain;
+use crate::sim::world::tests::{motion, plain};
 use crate::sim::{Obstacle, Shape};
 use crate::vehicle::fixtures::{pioneer, tractor};
 use approx::assert_relative_eq;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
-
-fn motion(steering: Steering) -> Motion {
-    Motion {
-        steering,
-        max_acceleration_mps2: 0.5,
-        max_braking_mps2: 0.8,
-        max_turn_rate_radps: 1.5,
-    }
-}
 
 fn body(world: &World, vehicle: Vehicle, steering: Steering, at: Pose) -> Body {
     Body::new(world, vehicle, motion(steering), at, 0.0, Noise::new(1)).unwrap()

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::grid::{GridGeometry, Layer};
-use crate::sim::world::tests::plain;
-use crate::sim::{Command, Motion, Mover, Obstacle, Robot, RobotParams, Steering};
+use crate::sim::world::tests::{motion, plain};
+use crate::sim::{Command, Mover, Obstacle, Robot, RobotParams, Steering};
 use crate::soil::SoilClass;
 use crate::vehicle::fixtures::pioneer;
 use approx::assert_relative_eq;
@@ -190,12 +190,7 @@ fn an_lms_200_measures_to_8191_steps_of_its_mode_and_nothing_beyond() {
 #[case(true, 32)]
 fn a_robot_gets_as_many_scans_a_second_as_its_laser_takes(#[case] half_degrees: bool, #[case] scans: usize) {
     let world = plain(0.0);
-    let limits = Motion {
-        steering: Steering::Differential,
-        max_acceleration_mps2: 0.5,
-        max_braking_mps2: 0.8,
-        max_turn_rate_radps: 1.5,
-    };
+    let limits = motion(Steering::Differential);
     let params = RobotParams {
         laser: Laser::sick_lms200(half_degrees, false),
         ..RobotParams::default()

@@ -1,20 +1,15 @@
 //! What odometry makes of wheels that slip.
 
 use super::*;
-use crate::sim::world::tests::plain;
-use crate::sim::{Command, Motion, Robot, RobotParams, Steering};
+use crate::sim::world::tests::{motion, plain};
+use crate::sim::{Command, Robot, RobotParams, Steering};
 use crate::vehicle::fixtures::pioneer;
 use approx::assert_relative_eq;
 
 /// How far a robot went in five seconds at a told speed, how far it thinks that it went, and how far its wheels turned.
 fn went(grade: f64, localiser: LocaliserParams) -> [f64; 3] {
     let world = plain(grade);
-    let motion = Motion {
-        steering: Steering::Differential,
-        max_acceleration_mps2: 0.5,
-        max_braking_mps2: 0.8,
-        max_turn_rate_radps: 1.5,
-    };
+    let limits = motion(Steering::Differential);
     let params = RobotParams {
         localiser,
         has_laser: false,
@@ -22,7 +17,7 @@ fn went(grade: f64, localiser: LocaliserParams) -> [f64; 3] {
         ..RobotParams::default()
     };
     let start = Pose::level(-15.0, 0.0, 0.0);
-    let mut robot = Robot::new(&world, pioneer(), motion, start, params).unwrap();
+    let mut robot = Robot::new(&world, pioneer(), limits, start, params).unwrap();
     let command = Command {
         speed_mps: 0.5,
         turn_rate_radps: 0.0,

@@ -420,6 +420,7 @@ impl Buckets {
 pub(super) mod tests {
     use super::*;
     use crate::grid::GridGeometry;
+    use crate::sim::{Motion, Steering};
     use crate::vehicle::fixtures::pioneer;
 
     /// Ground of gravel, 40 m on a side around the origin, with a grade to the east.
@@ -431,6 +432,16 @@ pub(super) mod tests {
             .collect();
         let elevation = Layer::new(geometry, heights, "heights").unwrap();
         World::new(elevation, Layer::filled(geometry, SoilClass::Gravel as u8), 20.0).unwrap()
+    }
+
+    /// What a small robot can.
+    pub(in crate::sim) fn motion(steering: Steering) -> Motion {
+        Motion {
+            steering,
+            max_acceleration_mps2: 0.5,
+            max_braking_mps2: 0.8,
+            max_turn_rate_radps: 1.5,
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Input that nobody should give.
 
-use super::world::{World, car, jackal};
-use crate::drive::{Command, DriveParams, Event, Navigator, Observation, Reason, Region, Status};
+use super::world::{World, car, jackal, step};
+use crate::drive::{DriveParams, Event, Navigator, Observation, Reason, Region, Status};
 use crate::grid::{GridGeometry, Layer, Position};
 use crate::sensor::{Mount, PenetrometerReading, Pose, Scan};
 use proptest::prelude::*;
@@ -9,17 +9,6 @@ use std::f64::consts::PI;
 
 fn navigator() -> Navigator {
     Navigator::new(&jackal(), Position::new(20.0, 0.0), None, DriveParams::default()).unwrap()
-}
-
-fn step(navigator: &mut Navigator, time_s: f64, pose: Pose, scan: Option<&Scan>) -> Command {
-    navigator.step(&Observation {
-        time_s,
-        pose,
-        speed_mps: 0.0,
-        turn_rate_radps: 0.0,
-        scan,
-        reading: None,
-    })
 }
 
 fn clear_scan() -> Scan {

@@ -1,9 +1,9 @@
 //! Whole drives.
 
-use super::world::{Drive, Setup, World, car, jackal, pioneer};
+use super::world::{Drive, Setup, World, car, jackal, pioneer, region};
 use crate::drive::safety::Sight;
-use crate::drive::{DriveParams, Method, Navigator, Observation, OutsideNests, Reason, Region, Status};
-use crate::grid::{GridGeometry, Layer, Position};
+use crate::drive::{DriveParams, Method, Navigator, Observation, OutsideNests, Reason, Status};
+use crate::grid::Position;
 use crate::sensor::{Mount, Pose};
 use crate::vehicle::Vehicle;
 use rstest::rstest;
@@ -216,20 +216,6 @@ fn a_dead_sensor_stops_the_vehicle_within_its_braking_distance(#[case] vehicle: 
         drive.metres - until.metres
     );
     assert!(until.metres > 3.0);
-}
-
-fn region(rank: impl Fn(f64, f64) -> u8) -> Region {
-    let geometry = GridGeometry::new(60, 60, 1.0, -10.0, 30.0).unwrap();
-    let ranks = geometry.cells().map(|cell| {
-        let centre = geometry.centre(cell);
-        rank(centre.x_m, centre.y_m)
-    });
-    Region {
-        ranks: Layer::new(geometry, ranks.collect(), "the ranks").unwrap(),
-        elevation_m: None,
-        route: Vec::new(),
-        grids: None,
-    }
 }
 
 #[test]

@@ -4,23 +4,11 @@ use std::f64::consts::PI;
 
 use rstest::rstest;
 
-use super::world::{Setup, World, car, jackal};
-use crate::drive::{DriveParams, Event, Method, Navigator, Observation, Reason, Recovery, Region, Status};
-use crate::grid::{GridGeometry, Layer, Position};
+use super::world::{Setup, World, car, jackal, region, step};
+use crate::drive::{DriveParams, Event, Method, Navigator, Reason, Recovery, Status};
+use crate::grid::Position;
 use crate::local::Evidence;
 use crate::sensor::{Mount, Pose, Scan};
-
-fn step(navigator: &mut Navigator, time_s: f64, pose: Pose, scan: Option<&Scan>) -> (Status, f64) {
-    let told = navigator.step(&Observation {
-        time_s,
-        pose,
-        speed_mps: 0.0,
-        turn_rate_radps: 0.0,
-        scan,
-        reading: None,
-    });
-    (told.status, told.speed_mps)
-}
 
 fn post() -> World {
     World {
@@ -49,9 +37,9 @@ fn a_scan_that_is_repeated_stops_the_robot_whatever_beams_it_had_lost(
         let (time_s, pose) = (f64::from(k) * 0.1, Pose::level(f64::from(k) * 0.1, 0.0, 0.0));
         if is_second_sensor {
             let _ = navigator.sense(time_s, &pose, &scan, 0.0);
-            status = step(&mut navigator, time_s, pose, None).0;
+            status = step(&mut navigator, time_s, pose, None).status;
         } else {
-            status = step(&mut navigator, time_s, pose, Some(&scan)).0;
+            status = step(&mut navigator, time_s, pose, Some(&scan)).status;
         }
     }
     assert_eq!((status, navigator.reason()), (Status::Fault, Reason::FrozenScan));
@@ -81,7 +69,7 @@ fn two_further_lasers_that_see_alike_are_not_taken_for_one_that_repeats_itself()
             };
             assert_eq!(navigator.sense(time_s, &pose, &scan, 0.0), Ok(()));
         }
-        assert_eq!(step(&mut navigator, time_s, pose, None).0, Status::Driving);
+        assert_eq!(step(&mut navigator, time_s, pose, None).status, Status::Driving);
     }
 }
 
@@ -93,8 +81,8 @@ fn what_a_clock_that_runs_ahead_has_seen_grows_old_all_the_same(#[values(0.3, 1e
     let told: Vec<_> = (0..20)
         .map(|k| step(&mut navigator, f64::from(k) * 0.1, Pose::default(), None))
         .collect();
-    assert!(told[0].1 > 0.0);
-    assert_eq!(told[19], (Status::Fault, 0.0));
+    assert!(told[0].speed_mps > 0.0);
+    assert_eq!((told[19].status, told[19].speed_mps), (Status::Fault, 0.0));
     assert_eq!(navigator.reason(), Reason::StaleScan);
 }
 
@@ -129,29 +117,21 @@ fn a_heading_that_jumps_stops_the_robot_once(#[case] vehicle: crate::vehicle::Ve
     let world = post();
     let scan = |heading_rad| world.scan(&Pose::level(0.0, 0.0, heading_rad), Mount::default(), 181, PI, 8.0);
     assert_eq!(
-        step(&mut navigator, 0.0, Pose::default(), Some(&scan(0.0))).0,
+        step(&mut navigator, 0.0, Pose::default(), Some(&scan(0.0))).status,
         Status::Driving
     );
     let turned = Pose::level(0.0, 0.0, by_rad);
     let told = step(&mut navigator, 0.1, turned, Some(&scan(by_rad)));
-    assert_eq!((told, navigator.reason()), ((Status::Fault, 0.0), Reason::PoseJumped));
+    assert_eq!(
+        (told.status, told.speed_mps, navigator.reason()),
+        (Status::Fault, 0.0, Reason::PoseJumped)
+    );
     let jump = |event: &&Event| matches!(event, Event::PoseJump { distance_m, turn_rad } if *distance_m == 0.0 && (turn_rad.abs() - by_rad.abs()).abs() < 1e-9);
     assert_eq!(navigator.events().iter().filter(jump).count(), 1);
-    assert_ne!(step(&mut navigator, 0.2, turned, Some(&scan(by_rad))).0, Status::Fault);
-}
-
-fn ranked(rank: impl Fn(f64, f64) -> u8) -> Region {
-    let geometry = GridGeometry::new(60, 60, 1.0, -10.0, 30.0).unwrap();
-    let ranks = geometry.cells().map(|cell| {
-        let centre = geometry.centre(cell);
-        rank(centre.x_m, centre.y_m)
-    });
-    Region {
-        ranks: Layer::new(geometry, ranks.collect(), "the ranks").unwrap(),
-        elevation_m: None,
-        route: Vec::new(),
-        grids: None,
-    }
+    assert_ne!(
+        step(&mut navigator, 0.2, turned, Some(&scan(by_rad))).status,
+        Status::Fault
+    );
 }
 
 #[rstest]
@@ -160,7 +140,7 @@ fn a_robot_that_finds_itself_on_no_go_ground_leaves_it_and_keeps_off_the_rest(#[
     let off = |x: f64, y: f64| x.hypot(y) < 4.0 || (x - 14.0).hypot(y) < 3.0;
     let world = World::default();
     let mut setup = Setup::new(&world, jackal(), (1.0, 0.0, 0.0), (25.0, 0.0));
-    setup.region = Some(ranked(move |x, y| if off(x, y) { 1 } else { 8 }));
+    setup.region = Some(region(move |x, y| if off(x, y) { 1 } else { 8 }));
     setup.params.recover = recover;
     let drive = setup.drive();
     assert_eq!(drive.status, Status::Reached);
@@ -175,19 +155,19 @@ fn a_robot_that_slides_onto_no_go_ground_leaves_it_and_says_why(#[values(true, f
         recover,
         ..DriveParams::default()
     };
-    let region = ranked(|x, y| {
+    let ground = region(|x, y| {
         if (6.0..12.0).contains(&x) && y.abs() < 8.0 {
             1
         } else {
             8
         }
     });
-    let mut navigator = Navigator::new(&jackal(), Position::new(25.0, 0.0), Some(region), params).unwrap();
+    let mut navigator = Navigator::new(&jackal(), Position::new(25.0, 0.0), Some(ground), params).unwrap();
     // The pose goes where it wants, whatever was told.
     let begun = (0..75).find_map(|k| {
         let pose = Pose::level(1.0 + 0.12 * f64::from(k), 0.0, 0.0);
         let scan = world.scan(&pose, Mount::default(), 181, PI, 8.0);
-        let (status, _) = step(&mut navigator, 0.1 * f64::from(k), pose, Some(&scan));
+        let status = step(&mut navigator, 0.1 * f64::from(k), pose, Some(&scan)).status;
         let recovery = navigator.events().iter().find_map(|event| match event {
             Event::Recovery { recovery, .. } => Some(*recovery),
             _ => None,

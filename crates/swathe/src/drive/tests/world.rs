@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::drive::{Command, DriveParams, Navigator, Observation, Region, Status};
-use crate::grid::Position;
+use crate::grid::{GridGeometry, Layer, Position};
 use crate::random::{philox, unit};
 use crate::sensor::{Mount, Pose, Scan, wrap};
 use crate::vehicle::{RunningGear, Vehicle, Wheels};
@@ -200,6 +200,33 @@ impl World {
         }
         false
     }
+}
+
+/// Ground of 60 m by 60 m from (-10, -30) on, ranked by place.
+pub fn region(rank: impl Fn(f64, f64) -> u8) -> Region {
+    let geometry = GridGeometry::new(60, 60, 1.0, -10.0, 30.0).unwrap();
+    let ranks = geometry.cells().map(|cell| {
+        let centre = geometry.centre(cell);
+        rank(centre.x_m, centre.y_m)
+    });
+    Region {
+        ranks: Layer::new(geometry, ranks.collect(), "the ranks").unwrap(),
+        elevation_m: None,
+        route: Vec::new(),
+        grids: None,
+    }
+}
+
+/// A step of a robot that stands.
+pub fn step(navigator: &mut Navigator, time_s: f64, pose: Pose, scan: Option<&Scan>) -> Command {
+    navigator.step(&Observation {
+        time_s,
+        pose,
+        speed_mps: 0.0,
+        turn_rate_radps: 0.0,
+        scan,
+        reading: None,
+    })
 }
 
 /// How a drive went.
