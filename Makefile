@@ -19,6 +19,8 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PYO3_PYTHON := $(CURDIR)/$(BIN)/python
 unexport CONDA_PREFIX PYTHONPATH PYTHONHOME
+# Property tests draw the same examples on every run; `make test-rust PROPTEST_RNG_SEED=$RANDOM` draws others.
+export PROPTEST_RNG_SEED ?= 1
 
 RUST_SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find crates -name '*.rs' -o -name Cargo.toml)
 PYTHON_CODE := $(wildcard python/swathe tests benchmarks examples)

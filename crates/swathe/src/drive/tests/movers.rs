@@ -51,17 +51,48 @@ fn watch(
         tracks.beams = (0..181).map(|beam| scan.beam(beam)).collect();
         tracks.observe(time_s, &pose, &scan);
         each(time_s, &tracks, from_to(&truth, &pose));
-        let middle_rad = truth.heading_rad + turn_radps * STEP_S / 2.0;
-        truth = Pose::level(
-            truth.x_m + speed_mps * STEP_S * middle_rad.cos(),
-            truth.y_m + speed_mps * STEP_S * middle_rad.sin(),
-            wrap(truth.heading_rad + turn_radps * STEP_S),
-        );
+        truth = on_arc(&truth, (speed_mps, turn_radps));
     }
+}
+
+/// Where a pose gets to in a step.
+fn on_arc(from: &Pose, (speed_mps, turn_radps): (f64, f64)) -> Pose {
+    let middle_rad = from.heading_rad + turn_radps * STEP_S / 2.0;
+    Pose::level(
+        from.x_m + speed_mps * STEP_S * middle_rad.cos(),
+        from.y_m + speed_mps * STEP_S * middle_rad.sin(),
+        wrap(from.heading_rad + turn_radps * STEP_S),
+    )
 }
 
 fn fixes() -> impl Strategy<Value = Vec<(f64, f64, f64)>> {
     prop::collection::vec((-0.2..0.2_f64, -0.2..0.2_f64, -0.05..0.05_f64), 4)
+}
+
+/// What seems to move among posts and walls that stand, less the posts that a narrow robot would run into.
+fn seems_to_move(posts: &[(f64, f64, f64)], drives: (f64, f64), fixes: &[(f64, f64, f64)]) -> Option<Mover> {
+    let steps = fixes.len() * 35;
+    let way: Vec<Pose> = std::iter::successors(Some(Pose::default()), |pose| Some(on_arc(pose, drives)))
+        .take(steps)
+        .collect();
+    let is_passed = |&&(x_m, y_m, radius_m): &&(f64, f64, f64)| {
+        way.iter()
+            .all(|pose| (x_m - pose.x_m).hypot(y_m - pose.y_m) > radius_m + 0.2)
+    };
+    let world = World {
+        discs: posts.iter().filter(is_passed).copied().collect(),
+        walls: vec![[(7.5, -4.0), (7.5, 4.0)], [(3.0, 2.0), (6.0, 2.5)]],
+    };
+    let mut first = None;
+    watch(
+        |_| world.clone(),
+        drives,
+        fixes,
+        |time_s, tracks, _| {
+            first = first.or_else(|| tracks.found(time_s).first().copied());
+        },
+    );
+    first
 }
 
 proptest! {
@@ -72,11 +103,24 @@ proptest! {
         posts in prop::collection::vec((1.0..7.0_f64, -4.0..4.0_f64, 0.1..0.6_f64), 0..12),
         drives_mps in -0.5..0.7_f64, turns_radps in -0.6..0.6_f64, fixes in fixes(),
     ) {
-        let world = World { discs: posts, walls: vec![[(7.5, -4.0), (7.5, 4.0)], [(3.0, 2.0), (6.0, 2.5)]] };
-        let mut wrong = Vec::new();
-        watch(|_| world.clone(), (drives_mps, turns_radps), &fixes, |time_s, tracks, _| wrong.extend(tracks.found(time_s)));
-        prop_assert!(wrong.is_empty(), "{:?}", wrong.first());
+        let mover = seems_to_move(&posts, (drives_mps, turns_radps), &fixes);
+        prop_assert!(mover.is_none(), "{mover:?}");
     }
+}
+
+/// Near what it passes the beams lie denser than the pose is sure.
+#[test]
+fn a_thin_post_that_is_nearly_touched_in_passing_never_moves() {
+    let fixes = [
+        (0.0, 0.127_771, 0.039_135),
+        (0.0, 0.0, 0.0),
+        (0.0, -0.175_089, 0.017_738),
+        (0.184_929, -0.129_607, -0.019_377),
+    ];
+    assert_eq!(
+        seems_to_move(&[(2.633_842, -0.126_575, 0.1)], (0.695_681, -0.105_893), &fixes),
+        None
+    );
 }
 
 proptest! {
