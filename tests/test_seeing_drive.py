@@ -59,6 +59,7 @@ def driven(folder: Path, seed: int = 5, kind: sim.Kind = "u-trap", density: floa
         "jackal",
         goal_m=(goal.x_m, goal.y_m),
         obstacles=world.obstacles,
+        step_height_m=JACKAL.step_height_m,
     )
     return found, path
 
@@ -107,7 +108,16 @@ def test_the_log_of_a_drive_agrees_with_how_it_ended(drive: Drive) -> None:
     way_m = np.hypot(*np.diff(drive.driven_m, axis=0).T).sum()
     assert way_m == pytest.approx(outcome["distance_m"], abs=0.1)
     _, clearance = drive.clearance_true_m
-    assert clearance.min() == pytest.approx(outcome["min_clearance_m"], abs=0.05)
+    assert clearance.min() == pytest.approx(outcome["min_clearance_m"], abs=0.01)
+
+
+@pytest.mark.parametrize(("of_step_height", "is_in_the_way"), [(0.9, False), (1.1, True)])
+def test_what_the_vehicle_climbs_is_not_near_it(drive: Drive, of_step_height: float, is_in_the_way: bool) -> None:
+    x_m, y_m = drive.driven_m[len(drive.driven_m) // 2]
+    board = sim.Box(x_m, y_m, 0.3, 0.3, height_m=of_step_height * JACKAL.step_height_m)
+    _, clearance = replace(drive, obstacles=[*drive.obstacles, board]).clearance_true_m
+    assert (clearance.min() == 0.0) == is_in_the_way
+    assert is_in_the_way or clearance.tolist() == drive.clearance_true_m[1].tolist()
 
 
 def test_what_was_seen_lies_on_what_stands(drive: Drive) -> None:

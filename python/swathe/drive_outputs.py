@@ -142,6 +142,7 @@ def _draw(folder: Path, made: Stage, log: Path, summary: dict[str, Any], *, anim
         (made.goal.x_m, made.goal.y_m),
         () if made.world is None else made.world.obstacles,
         ground,
+        made.vehicle.step_height_m,
     )
     tags = {"swathe_version": str(summary["version"]), "swathe_seed": str(scenario.seed)}
     drive_pictures.draw(folder, drawn, tags, animate=animate)

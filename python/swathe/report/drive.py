@@ -32,7 +32,6 @@ _SEEN_CELL_M = 0.1
 #: A return nearer than this many lengths of the vehicle is the first obstacle.
 _NEAR_LENGTHS = 4.0
 _MARGIN_M = 1.5
-_MOST_CLEARANCES = 600
 #: Certainty from which a cell is shown as closed.
 _SURELY = 8
 _FREE_RGBA, _CLOSED_RGBA = (255, 255, 255, 190), (48, 48, 54, 255)
@@ -101,6 +100,7 @@ class Drive:
         goal_m: where the drive should end.
         obstacles: what stands in truth.
         ground: the map, where there is one.
+        step_height_m: how high a thing the vehicle climbs.
     """
 
     log: RunLog
@@ -111,6 +111,7 @@ class Drive:
     goal_m: tuple[float, float] | None = None
     obstacles: Sequence[Obstacle] = ()
     ground: Ground | None = None
+    step_height_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not len(self.log.truth.times_s):
@@ -164,7 +165,8 @@ class Drive:
     @cached_property
     def shapes(self) -> list[shapely.Polygon]:
         """The obstacles as polygons without holes, of a wall one for each of its straight parts."""
-        return [shape for obstacle in self.obstacles for shape in _shapes(obstacle)]
+        parts = (part for obstacle in self.obstacles for part in _shapes(obstacle))
+        return [part.buffer(_HALF_WALL_M) if isinstance(part, shapely.LineString) else part for part in parts]
 
     def pose_at(self, time_s: float) -> tuple[float, float, float]:
         """Return x, y and heading of the body at a time (the last row before it)."""
@@ -218,27 +220,32 @@ class Drive:
 
     @cached_property
     def clearance_true_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times, and how far the vehicle's rectangle truly was from what stands and moves (infinite: nothing does)."""
+        """Times, and how far the vehicle's rectangle truly was from what stands and moves (infinite: nothing does).
+
+        What the vehicle climbs does not count.
+        """
         truth, movers = self.log.truth, self.log.movers
-        rows = np.unique(np.linspace(0, len(truth.times_s) - 1, _MOST_CLEARANCES).astype(int))
         corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (self.length_m / 2, self.width_m / 2)
-        cos, sin = np.cos(truth.heading_rad[rows]), np.sin(truth.heading_rad[rows])
+        cos, sin = np.cos(truth.heading_rad), np.sin(truth.heading_rad)
         turned = np.stack(
             [
-                truth.x_m[rows, None] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1],
-                truth.y_m[rows, None] + sin[:, None] * corners[:, 0] + cos[:, None] * corners[:, 1],
+                truth.x_m[:, None] + cos[:, None] * corners[:, 0] - sin[:, None] * corners[:, 1],
+                truth.y_m[:, None] + sin[:, None] * corners[:, 0] + cos[:, None] * corners[:, 1],
             ],
             axis=-1,
         )
         bodies = shapely.polygons(turned)
-        nearest = np.full(len(rows), np.inf)
-        if self.shapes:
-            nearest = shapely.distance(bodies, shapely.union_all(self.shapes))
+        nearest = np.full(len(bodies), np.inf)
+        in_the_way = [one for one in self.obstacles if one.height_m > self.step_height_m]
+        if in_the_way:
+            tree = shapely.STRtree([part for obstacle in in_the_way for part in _shapes(obstacle)])
+            (rows, _), nearest_m = tree.query_nearest(bodies, return_distance=True, all_matches=False)
+            nearest[rows] = nearest_m
         for mover in range(len(movers.radii_m)):
-            at = [np.interp(truth.times_s[rows], movers.times_s, movers.positions_m[:, mover, axis]) for axis in (0, 1)]
+            at = [np.interp(truth.times_s, movers.times_s, movers.positions_m[:, mover, axis]) for axis in (0, 1)]
             apart = shapely.distance(bodies, shapely.points(*at)) - movers.radii_m[mover]
             nearest = np.minimum(nearest, np.maximum(apart, 0.0))
-        return truth.times_s[rows], nearest
+        return truth.times_s, nearest
 
     def moments(self, count: int = 8) -> list[Moment]:
         """Return ``count`` moments in order: the ends, the first obstacle, what went wrong or was learnt, others."""
@@ -390,11 +397,10 @@ def _closed_cells(maps: Sequence[CertaintyMap]) -> NDArray[np.float64]:
     return np.column_stack([(columns + 0.5) * cell_m, -(rows + 0.5) * cell_m, since_s])
 
 
-def _shapes(obstacle: Obstacle) -> list[shapely.Polygon]:
+def _shapes(obstacle: Obstacle) -> list[shapely.Geometry]:
+    """Return what an obstacle is made of; the straight parts of a wall have no thickness."""
     if isinstance(obstacle, Disc):
         return [shapely.Point(obstacle.x_m, obstacle.y_m).buffer(obstacle.radius_m)]
     if isinstance(obstacle, Wall):
-        return [
-            shapely.LineString(part).buffer(_HALF_WALL_M) for part in pairwise(obstacle.points) if part[0] != part[1]
-        ]
+        return [shapely.LineString(part) for part in pairwise(obstacle.points) if part[0] != part[1]]
     return [shapely.Polygon(obstacle.corners if isinstance(obstacle, Box) else list(obstacle.points))]
