@@ -36,8 +36,15 @@ _STATUS_COLOURS = {
     "no_route": "#8a8d94",
     "fault": "#c2414c",
 }
-#: Events that get a line across: parts of their kinds.
-_MARKED = (("collision", LIMIT_COLOUR), ("recover", "#d98a00"), ("reading", "#2a7d3f"), ("fault", LIMIT_COLOUR))
+#: Events that get a line across: a part of their kinds, the line's colour, its name in the key.
+_MARKED = (
+    ("collision", LIMIT_COLOUR, "collision"),
+    ("recover", "#d98a00", "recovery"),
+    ("reading", "#2a7d3f", "soil reading"),
+    ("fault", LIMIT_COLOUR, "fault begins or ends"),
+)
+#: Widths of the samples of a band and of a line in the key.
+_BAND_IN, _LINE_IN = 0.16, 0.02
 
 
 def draw_profile(path: Path | str, drive: Drive, metadata: Mapping[str, str]) -> None:
@@ -78,7 +85,7 @@ def draw_profile(path: Path | str, drive: Drive, metadata: Mapping[str, str]) ->
 
 
 def _draw_status(axes: Axes, drive: Drive) -> None:
-    """Draw a band of the navigator's status, and the names of those that occur above it on the right."""
+    """Draw a band of the navigator's status; above it on the right the names of its colours and of the lines across."""
     axes.set_yticks([])
     axes.set_ylim(0, 1)
     for side in ("left", "bottom"):
@@ -96,23 +103,26 @@ def _draw_status(axes: Axes, drive: Drive) -> None:
         colour = _STATUS_COLOURS[STATUSES[int(commands.status[begin])]]
         at, width = float(times_s[begin]), float(times_s[end] - times_s[begin])
         axes.add_patch(Rectangle((at, 0.1), width, 0.8, facecolor=colour, edgecolor="none"))
-    _draw_names(
-        axes, [(name, _STATUS_COLOURS[name]) for code, name in enumerate(STATUSES) if (commands.status == code).any()]
-    )
+    names = [
+        (name.replace("_", " "), _STATUS_COLOURS[name], _BAND_IN)
+        for code, name in enumerate(STATUSES)
+        if (commands.status == code).any()
+    ]
+    names += [(name, colour, _LINE_IN) for part, colour, name in _MARKED if _times_s(drive, part)]
+    _draw_names(axes, names)
 
 
-def _draw_names(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
+def _draw_names(axes: Axes, entries: Sequence[tuple[str, str, float]]) -> None:
     figure = axes.get_figure(root=True)
     if figure is None:
         return
     width_in, height_in = (float(side) for side in figure.get_size_inches())
     right_in, y_in = width_in - _RIGHT_IN, float(axes.get_position().y1) * height_in + 0.13
-    for name, colour in reversed(entries):
-        words = name.replace("_", " ")
+    for words, colour, sample_in in reversed(entries):
         right_in -= 0.072 * len(words) + 0.08
         figure.text(right_in / width_in, y_in / height_in, words, fontsize=8, va="center")
-        right_in -= 0.22
-        swatch = Rectangle((right_in / width_in, (y_in - 0.06) / height_in), 0.16 / width_in, 0.12 / height_in)
+        right_in -= sample_in + 0.06
+        swatch = Rectangle((right_in / width_in, (y_in - 0.06) / height_in), sample_in / width_in, 0.12 / height_in)
         swatch.set(transform=figure.transFigure, facecolor=colour, edgecolor="none")
         figure.add_artist(swatch)
         right_in -= 0.14
@@ -179,7 +189,11 @@ def _draw_legend(axes: Axes) -> None:
 
 
 def _mark_events(axes: Axes, drive: Drive) -> None:
-    for part, colour in _MARKED:
-        for event in drive.log.events:
-            if part in event.kind.lower() and math.isfinite(event.time_s):
-                axes.axvline(event.time_s, color=colour, lw=0.9, alpha=0.7, zorder=1)
+    for part, colour, _ in _MARKED:
+        for time_s in _times_s(drive, part):
+            axes.axvline(time_s, color=colour, lw=0.9, alpha=0.7, zorder=1)
+
+
+def _times_s(drive: Drive, part: str) -> list[float]:
+    """Return when events happened whose kind holds ``part``."""
+    return [event.time_s for event in drive.log.events if part in event.kind.lower() and math.isfinite(event.time_s)]
