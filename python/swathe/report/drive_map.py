@@ -49,7 +49,7 @@ _GAP_IN = 0.3
 _KEY_IN = 2.15
 _LINE_IN = 0.22
 #: Kinds of events (a part of the name) that get a mark: the sign, its colour, its name in the key.
-_MARKS = (
+MARKS = (
     ("collision", "X", LIMIT_COLOUR, "collision"),
     ("recover", "v", "#d98a00", "recovery"),
     ("reading", "D", "#2a7d3f", "soil reading"),
@@ -98,7 +98,7 @@ def draw_drive_map(path: Path | str, drive: Drive, metadata: Mapping[str, str]) 
 def _draw_marks(axes: Axes, drive: Drive) -> list[tuple[str, str, str]]:
     """Draw where something happened that is worth a mark; return the marks that were used."""
     used = []
-    for part, sign, colour, name in _MARKS:
+    for part, sign, colour, name in MARKS:
         times_s = [event.time_s for event in drive.log.events if part in event.kind.lower()]
         if part == "reading":
             times_s = [reading.time_s for reading in drive.log.readings] or times_s

@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from swathe.episode import STATUSES
+from swathe.report.drive_map import MARKS
 from swathe.report.figure import add_axes_in, add_heading, drawing, heading_height_in, save, with_halo
 from swathe.report.palette import FAINT_INK_COLOUR, INK_COLOUR, LIMIT_COLOUR, ROUTE_COLOUR, SEEN_COLOUR, SPEED_COLOUR
 
@@ -38,9 +39,7 @@ _STATUS_COLOURS = {
 }
 #: Events that get a line across: a part of their kinds, the line's colour, its name in the key.
 _MARKED = (
-    ("collision", LIMIT_COLOUR, "collision"),
-    ("recover", "#d98a00", "recovery"),
-    ("reading", "#2a7d3f", "soil reading"),
+    *((part, colour, name) for part, _, colour, name in MARKS),
     ("fault", LIMIT_COLOUR, "fault begins or ends"),
 )
 #: Widths of the samples of a band and of a line in the key.

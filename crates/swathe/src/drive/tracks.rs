@@ -19,9 +19,11 @@ const PAST_STEP_S: f64 = 0.2;
 const PAST_S: f64 = 1.7;
 const PAST_LEAST_S: f64 = 0.3;
 
-/// A beam that went on for this much has looked through a place; one that ended this near has met something there. The beams that
-/// pass this near beside it are asked, as the pose drifts by about as much while scans are kept, and at least one on each side.
+/// A beam that went on for this much has looked through a place; one that ended this near has met something there.
 const THROUGH_M: f64 = 0.2;
+
+/// The beams of an earlier scan that pass this near beside a place tell of it, and at least one on each side: the pose drifts while
+/// scans are kept.
 const BESIDE_M: f64 = 0.06;
 
 /// Returns nearer together than this, or than so many beams lie apart at their range, are of one thing.
@@ -121,10 +123,14 @@ impl Past {
             .find(|place| (0.0..=count - 1.0).contains(place));
         let Some(place) = place else { return Told::Nothing };
         let beside = (BESIDE_M / (away_m * self.angle_increment_rad.abs())).clamp(1.0, count) as usize;
-        let last = place.floor() as usize + 1 + beside;
-        let first = (last + 1).saturating_sub(2 * beside + 2);
+        let before = place.floor() as usize;
+        let asked = self
+            .beams
+            .iter()
+            .take(before + beside + 2)
+            .skip(before.saturating_sub(beside));
         let (mut through, mut known) = (0, 0);
-        for &(free_m, is_hit) in self.beams.iter().take(last + 1).skip(first) {
+        for &(free_m, is_hit) in asked {
             if free_m.is_nan() {
                 continue;
             }
